@@ -574,7 +574,7 @@ FAULTS = {
     ),
     "sums of any length": Fault(
         "symbolic/trig_sums.py",
-        "if len(total) > MAX_TERMS:",
+        "if len(total) > MAX_SUM_TERMS:",
         "if False:",
         "symbolic/test_trig_sums.py::test_sums_are_bounded",
     ),

@@ -4,7 +4,7 @@ The derivative is a polynomial of degree 7 through its values at the eight Gauss
 nodes are found by fixed-point (Picard) iteration, or, where psi'' depends stiffly on psi and psi', by a simplified
 Newton method in these two. The error of a step is estimated by the last Legendre coefficients of the polynomial and
 by
-its residual beside the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at a
+its residual between the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at a
 given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps
 quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
 Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
@@ -236,7 +236,7 @@ class Stepper:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return the times from 0 to 1 of a step of this length at which it is checked, beside CHECK_TIMES."""
+        """Return the times from 0 to 1 of a step of this length at which it is also checked, besides CHECK_TIMES."""
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])

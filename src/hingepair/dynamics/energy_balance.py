@@ -33,7 +33,7 @@ class StepRecord(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnergyBalance:
-    """Energy balance of a motion: the work of each load beside the energies; `print` shows a table.
+    """Energy balance of a motion: the work of each load, and the energies; `print` shows a table.
 
     Attributes:
         t: instants [s]; shape (N,).

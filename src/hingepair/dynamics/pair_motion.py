@@ -94,12 +94,12 @@ _RATE_STEPS = (
 _RATE_MASK: Final = np.repeat(
     [False, True, False, True], [3, 6, 4, 1]
 )  # whether each component of the state is a velocity or a momentum
-_MOTION_OUTPUTS: Final = ("R1", "S1", "v1", "omega1")  # motion of body 1 that loads may depend on
-_BODY1_RATES: Final = ("v1", "omega1", "a1", "alpha1")  # that are 0 for a fixed base
+_MOTION_OUTPUT_NAMES: Final = ("R1", "S1", "v1", "omega1")  # motion of body 1 that loads may depend on
+_BODY1_RATE_NAMES: Final = ("v1", "omega1", "a1", "alpha1")  # that are 0 for a fixed base
 
 
 class MotionSamples(NamedTuple):
-    """Simulated motion at n instants."""
+    """Samples of a simulated motion at n instants: motion, accelerations and loads."""
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of body 1, scalar first; (n, 4)
@@ -113,7 +113,7 @@ class MotionSamples(NamedTuple):
 
 
 class PairMotion:
-    """State of a moving pair, with its derivatives and the motion that it stands for.
+    """Equations of motion of a pair: its state, the derivatives of the state, and the motion of a state.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -144,7 +144,7 @@ class PairMotion:
         self.side: tuple[float, float] = (0.0, 0.0)  # branch of the torque at the hinge, between its kinks
         self.held = False  # whether friction or a stop holds the hinge at rest
         R, S, v, omega, psi, psid = start
-        self._rest = {"R1": R, "S1": S, **dict.fromkeys(_BODY1_RATES, np.zeros(3))} if base == "fixed" else {}
+        self._rest = {"R1": R, "S1": S, **dict.fromkeys(_BODY1_RATE_NAMES, np.zeros(3))} if base == "fixed" else {}
         rest_values = {name: tuple(array.ravel().tolist()) for name, array in self._rest.items()}
         constants_by_name = masses | loads.constants | pair.constants.values | rest_values
         kind = str(base) if self._is_free_or_pinned else "carried"
@@ -169,15 +169,15 @@ class PairMotion:
             return
         check_resistance(pair.constants, (pair.body1, pair.body2))
         self._motion_call, self._rate_call = (
-            compile_call(is_planar, *_MOTION_OUTPUTS),
+            compile_call(is_planar, *_MOTION_OUTPUT_NAMES),
             compile_call(is_planar, "state_rates"),
         )
         self._acceleration_call = compile_call(is_planar, "a1", "alpha1", "psidd")
         initial_call = compile_call(None, "point", "offset_velocity", "initial_angular_momentum")
         initial = _run_call(initial_call, {"S1": S, "omega1": omega, "psi": psi, "psid": psid})
-        point, beside, angular = (initial[name] for name in initial_call.outputs)
+        point, offset_velocity, angular = (initial[name] for name in initial_call.outputs)
         total_mass = masses["m1"] + masses["m2"]
-        momentum = total_mass * (v - beside) if base == "free" else np.zeros(3)
+        momentum = total_mass * (v - offset_velocity) if base == "free" else np.zeros(3)
         g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if is_planar else np.zeros(3)
         self.state = np.hstack([R + point, momentum, angular, g, psi, psid])
         length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
@@ -256,7 +256,7 @@ class PairMotion:
         return np.asarray(added)
 
     def restart_attitude(self, state: Array) -> Array:
-        """Return the state with which the next step begins: its g is 0, and the rotation goes into the attitude."""
+        """Return the state for the next step, with g = 0; the rotation of this step goes into the stored attitude."""
         if self._is_planar or not self._is_free_or_pinned:
             return state
         self.quat = _rotate_by_cayley(state[_CAYLEY_SLICE], self.quat)

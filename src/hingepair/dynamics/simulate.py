@@ -64,7 +64,7 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Fields and methods of simulated motions beside those of a trajectory."""
+    """Fields and methods of simulated motions in addition to those of a trajectory."""
 
     body1: BodyMotion
     psid: Array
@@ -96,7 +96,7 @@ class _SimulatedMotionBase:
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
-        """Compute the work of each load since the first instant, beside the energies; `print` shows it.
+        """Compute the work of each load since the first instant, and the energies; `print` shows a table.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -185,23 +185,24 @@ def simulate(
         t: instants [s], increasing; shape (N,).
         body1: motion of body 1 at t[0]: R and S, and v and omega unless they are zero. None for a base that moves.
         psi_0: hinge angle at t[0] [rad]. None for a hinge that moves as given.
-        psid_0: hinge rate at t[0] [rad/s]; likewise.
+        psid_0: hinge rate at t[0] [rad/s]. None for a hinge that moves as given.
         hinge: "free", which turns by the loads; or a callable of times (n,) that returns psi, psi' and psi'', each
             (n,): the hinge_torque that this motion needs is then among the loads of the result.
         hinge_torque: of body 1 on body 2 about the hinge axis [N m]: a number, a `HingeLoad` (spring, damper,
             friction, stops), or any callable of arrays (t, psi, psid), each (n,), that returns (n,).
         force1: on body 1 at R1, world axes [N]: shape (3,), the number 0, or a callable of (t, now) that returns
             (n, 3); `now` has R1, S1, v1, omega1, psi and psid at the instants t.
-        torque1: on body 1, world axes [N m]; likewise.
-        force2: on body 2 at R2, world axes [N]; likewise.
-        torque2: on body 2, world axes [N m]; likewise.
+        torque1: on body 1, world axes [N m]; as for force1.
+        force2: on body 2 at R2, world axes [N]; as for force1.
+        torque2: on body 2, world axes [N m]; as for force1.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), along -z unless given; in the plane (2,),
             along -y.
         base: "free"; "pinned", where R1 stays where it starts and body 1 turns about it (in space as in a ball
             joint); "fixed", where body 1 stays as it starts; or a callable of times (n,) that returns the
             BodyMotion of body 1, with v, omega, a and alpha.
-        breaks: instants at which loads jump [s]; shape (M,). Steps end there, and callables are evaluated beside
-            them. Without breaks, pulses are found that are longer than 1/8000 of the motion, or at an instant.
+        breaks: instants at which loads jump [s]; shape (M,). Steps end there, and callables are evaluated just
+            before and after them. Without breaks, pulses are found that are longer than 1/8000 of the motion, or at
+            an instant.
         until: event that ends the motion where its value passes 0: a callable of (t, now), as for a force, that
             returns (n,). That instant is the last of the result. Its attribute `direction` is as for SciPy's
             events: 1, where the value rises; -1, where it falls; 0, both. Where an impact makes the value jump across
@@ -254,6 +255,7 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
     execution = execution_of(backend, 1)
 
+    # Its motion, first state, steps, samples, and whether the user's event ended it.
     def run_simulation(
         tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
@@ -447,7 +449,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
         bounds[:] = (
             interval_start + margin * (interval_start in breaks),
             end - margin * (end in breaks),
-        )  # callables are evaluated beside breaks, where loads jump
+        )  # callables are evaluated just before and after breaks, where loads jump
         while stepper.t < end:
             quat = motion.quat
             try:

@@ -31,7 +31,7 @@ RK4_NODES: Final = RULES["rk4_quaternion"].nodes
 _MIN_COSINE = 0.5  # abs(cos phi_y): below, an angle that turns far in a step does so because gimbal lock is near
 _MAX_STEP_ANGLE = 1.0  # rad: largest change of an angle in a step
 _MIN_COMPILED_STEPS = 5_000  # steps from which on compiling pays
-_FLOAT64 = np.dtype(np.float64)  # of all angles
+_FLOAT64_DTYPE = np.dtype(np.float64)  # of all angles
 
 
 def integrate_euler_angles(
@@ -92,7 +92,7 @@ def _float_step(body: bool) -> Any:
 def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
     """Run steps by the compiled loop."""
     arguments = {"phi": start[None], "omega": omega[None], "h": h[None]}
-    _runge_kutta_loop(body).run(arguments, {"phi": rows[None]}, (1, len(h)), _FLOAT64, Execution("compiled", 1))
+    _runge_kutta_loop(body).run(arguments, {"phi": rows[None]}, (1, len(h)), _FLOAT64_DTYPE, Execution("compiled", 1))
 
 
 @functools.cache
@@ -100,6 +100,7 @@ def _runge_kutta_loop(body: bool) -> Loop:
     """Return the loop of classical Runge-Kutta steps from omega at start, middle and end; NaN near gimbal lock."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
+        """Return the Euler angles after one step."""
         phi, w, h = v["phi"], v["omega"], v["h"]
         a = _euler_rates(phi, w[:3], h, body)
         b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, body)

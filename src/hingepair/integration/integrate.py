@@ -42,7 +42,7 @@ RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 SignalsByName: TypeAlias = Mapping[str, Signal]
 """The rates, by the names of the arguments."""
 
-_RATE_ARGUMENTS: Final = {
+_RATE_ARGUMENT_NAMES: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
@@ -131,7 +131,7 @@ def integrate(
             (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given. Of
             points that move without v1 or a1, v2 or a2 is None.
         S1_0: attitude of body 1 at t[0]; shape (3, 3); the identity unless given.
-        phi_0: angle of body 1 at t[0] [rad], of a PlanarPair; 0 unless given.
+        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; 0 unless given.
         psi_0: hinge angle at t[0] [rad].
         method: one of the methods above.
         frame: axes of omega1 and alpha1, "world" or "body".
@@ -139,7 +139,7 @@ def integrate(
             steps, spread over the whole time: a feature narrower than one of them may be missed, by
             `error_estimate` as well. A jump or a kink is found, and costs some sixty steps; at an instant, none.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
-        psidd: psi'' [rad/s^2], likewise.
+        psidd: psi'' [rad/s^2], where accelerations are wanted.
         outputs: as for `forward_kinematics`; unless given, all of body 2 that the inputs allow; () for none.
         backend: as for `forward_kinematics`.
 
@@ -239,8 +239,8 @@ def _compute_state(
         "psi": solution.psi,
         **({"phi1": solution.orientations} if S1 is None else {"S1": S1}),
     }
-    for name in plan.inputs & _RATE_ARGUMENTS.keys():
-        values = rates[_RATE_ARGUMENTS[name]].values_at(options.t)
+    for name in plan.inputs & _RATE_ARGUMENT_NAMES.keys():
+        values = rates[_RATE_ARGUMENT_NAMES[name]].values_at(options.t)
         inputs[name] = (
             rotate_to_world(S1, values) if options.body_axes and S1 is not None and values.ndim == 2 else values
         )
@@ -258,7 +258,7 @@ def _make_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind
         {"S1", "phi1", "psi"}
         | pair.values.keys()
         | argument_names
-        | {name for name, argument in _RATE_ARGUMENTS.items() if argument in argument_names}
+        | {name for name, argument in _RATE_ARGUMENT_NAMES.items() if argument in argument_names}
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
@@ -271,5 +271,5 @@ def _make_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind
         for missing in sorted(plan((name,)).inputs - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError(_RATE_ARGUMENTS.get(missing, "R1"), expected, got)
+            raise ArgumentError(_RATE_ARGUMENT_NAMES.get(missing, "R1"), expected, got)
     return plan(names)

@@ -28,7 +28,7 @@ ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 """Takes errors (..., n, k) of the intervals from the first to the second index to axes in which they add up."""
 
 _BLOCK_INTERVALS = 65536  # intervals whose errors are computed at a time
-_MARGIN_SAMPLES = 12  # samples beside a block that its divided differences use
+_MARGIN_SAMPLES = 12  # samples on either side of a block that its divided differences use
 _KINK_GROUP_SIZE = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
 _KINK_BOUNDS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""

@@ -158,6 +158,7 @@ def rotation_loop(rule: Rule) -> Loop:
     """Return the loop that computes rotations q of steps from omega at the nodes and h, negative in body axes."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
+        """Return the rotation of one step."""
         w = v["omega"]
         return {"q": rule.rotation(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
 
@@ -169,6 +170,7 @@ def angle_loop(rule: Rule) -> Loop:
     """Return the loop that integrates a rate over steps from its values at the nodes; sums of two doubles."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
+        """Integrate the rate over one step."""
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(pair_sum, weighted)
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total

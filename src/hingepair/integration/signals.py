@@ -224,6 +224,7 @@ def interpolation_loop(points: int, nodes: int, columns: int) -> Loop:
     """Return the loop that interpolates samples at nodes by Lagrange polynomials; values by columns first."""
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
+        """Interpolate the samples of one step at its nodes."""
         x = v["x"]
         samples = [v["values"][points * k : points * (k + 1)] for k in range(columns)]
         scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]

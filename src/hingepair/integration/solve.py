@@ -141,7 +141,7 @@ def _integrate(integral: Integral, start: Any, selected: SelectedSteps) -> _Inte
 
 
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Integrate Euler angles; all steps are halved until the error is small enough, or (of samples) stays.
+    """Integrate Euler angles; all steps are halved until the error is small enough, or, for samples, stays.
 
     With a tolerance they are also halved where they are too long to tell gimbal lock from a fast turn.
     """
@@ -179,6 +179,7 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
+        """Return q' at a time since the first instant [s]."""
         nonlocal evaluations
         evaluations += 1
         if evaluations > MAX_EVALUATIONS:
@@ -205,6 +206,7 @@ def _with_reference_error(
     """Estimate the error of quaternions (N, 4) by their angles from a solution of small tolerance."""
 
     def error() -> float:
+        """Return the largest angle from the reference solution, and its own error [rad]."""
         reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_TOLERANCE))
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
         angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))

@@ -1,7 +1,7 @@
 """Errors of integrals over samples (E12) by the rounding of their time stamps.
 
 Clocks and files round stamps: seconds since 1970 as doubles to 2.4e-7 s, single floats to a 16-millionth of their
-size, text to its last decimal place. Values of the true instants then lie beside a smooth curve over the stamps, by
+size, text to its last decimal place. Values of the true instants then deviate from a smooth curve over the stamps by
 their rate of change times the error of the stamp; values that belong to the rounded stamps lie on a smooth curve.
 Divided differences of high order tell the two cases apart. They are measured where the distances of stamps differ,
 since stamps at even distances are exact, or all have the same error.

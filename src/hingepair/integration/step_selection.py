@@ -49,10 +49,10 @@ _MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have l
 _MAX_ROUNDS = 64  # divisions of all pieces, at most
 _MAX_PARTS = 16  # of a piece in one round
 _MAX_IRREGULAR_PARTS = 4  # of a piece in one round where errors do not fall by the rule's order
-_MAX_NOISE_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
+_MAX_NOISE_ERROR_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
 _STAGNATION_ROUNDS = 5  # rounds without progress after which a small sum of errors counts as noise
-_CHANCE_FACTOR = 10.0  # by which an irregular error may be too small, since two quadratures agree by chance
-_MAX_ERROR = 1e30  # rad: larger errors, and infinite ones, count as this
+_IRREGULAR_ERROR_FACTOR = 10.0  # by which an irregular error may be too small, since two quadratures agree by chance
+_MAX_ERROR_SIZE = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
 class SelectedSteps(NamedTuple):
@@ -116,7 +116,7 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
         piece_counts.append(len(pieces.start))
         recent_totals = totals[-_STAGNATION_ROUNDS:]
         stagnates = len(recent_totals) == _STAGNATION_ROUNDS and max(recent_totals) < min(
-            2 * min(recent_totals), _MAX_NOISE_SUM
+            2 * min(recent_totals), _MAX_NOISE_ERROR_SUM
         )
         if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUNDS]:
             break
@@ -173,7 +173,7 @@ def _divide_pieces(
     (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
     errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
-    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), _MAX_ERROR)
+    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), _MAX_ERROR_SIZE)
     expected = np.repeat(old_sizes / counts.astype(float) ** order, counts)
     columns = np.repeat(interval, counts), steps.start, steps.stop, sizes
     return _Pieces(*columns, ~np.isnan(expected), sizes <= expected, errors)
@@ -182,7 +182,7 @@ def _divide_pieces(
 def _cautious_sizes(pieces: _Pieces) -> Array:
     """Return sizes of errors, enlarged where they may be small by chance; 0 where no step can be shorter."""
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
-    return np.where(divisible, np.where(pieces.is_regular, pieces.sizes, _CHANCE_FACTOR * pieces.sizes), 0.0)
+    return np.where(divisible, np.where(pieces.is_regular, pieces.sizes, _IRREGULAR_ERROR_FACTOR * pieces.sizes), 0.0)
 
 
 class _PieceErrors:
@@ -190,7 +190,7 @@ class _PieceErrors:
 
     def __init__(self, integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces) -> None:
         self.order = integrals[0].rule.order
-        self.uncertain = np.where(pieces.is_regular, 0.0, _CHANCE_FACTOR * pieces.sizes)
+        self.uncertain = np.where(pieces.is_regular, 0.0, _IRREGULAR_ERROR_FACTOR * pieces.sizes)
         steps, measured_errors = _assemble_steps(integrals, measured, pieces)
         values = {integral: integral.integrate(steps, integral.default_start) for integral in integrals}
         self.by_integral = [accumulate_errors(one, steps, values[one], *measured_errors[one]) for one in integrals]

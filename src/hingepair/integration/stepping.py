@@ -32,7 +32,7 @@ SCAN_RADIX: Final = 16
 MAX_SEQUENTIAL_ITEMS: Final = 64
 """Elements that a scan combines one after the other as Python floats, without groups."""
 
-_FLOAT64 = np.dtype(np.float64)  # of all scans
+_FLOAT64_DTYPE = np.dtype(np.float64)  # of all scans
 
 
 class Steps(NamedTuple):
@@ -181,7 +181,11 @@ class PrefixScan:
 
     def _run(self, loop: Loop, elements: Array, before: Array, execution: Execution) -> None:
         loop.run(
-            {"element": elements, "prefix": before}, {"element": elements}, elements.shape[:-1], _FLOAT64, execution
+            {"element": elements, "prefix": before},
+            {"element": elements},
+            elements.shape[:-1],
+            _FLOAT64_DTYPE,
+            execution,
         )
 
 

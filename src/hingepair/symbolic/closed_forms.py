@@ -39,7 +39,7 @@ PAIR_CONSTANTS: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
 _MAX_SQUARE_DENOMINATOR: Final = 1_000  # largest denominator of a squared component of an axis that counts as exact
 _COORDINATE_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
-_ANGLE_RESULTS: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
+_ANGLE_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
 
 
 class ClosedForms:
@@ -125,7 +125,7 @@ class ClosedForms:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
-                    result in _ANGLE_RESULTS
+                    result in _ANGLE_RESULT_NAMES
                     or bool({*arguments} & {*_COORDINATE_NAMES})
                     or isinstance(components(value)[0], tuple)
                 )

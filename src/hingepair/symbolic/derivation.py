@@ -111,6 +111,7 @@ def _abbreviated_rows(
     definitions: dict[str, Expr] = {}
 
     def define(expr: Expr) -> None:
+        """Add the definitions of the symbols in an expression, those that they need first."""
         for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
             if symbol.name not in definitions:
                 define(meanings[symbol])  # definitions that it needs come first

@@ -28,9 +28,9 @@ from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, co
 
 MAX_TEXT_LENGTH: Final = 10_000
 """Largest number of characters of a text."""
-MAX_DEPTH: Final = 50
+MAX_NESTING_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
-MAX_NODES: Final = 3_000
+MAX_SYNTAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, which bounds the steps that compute the derivatives too."""
 MAX_EXPONENT: Final = 1_000
 """Largest exponent of a power, and of ten in a decimal number."""
@@ -367,10 +367,10 @@ class _ExpressionBuilder:
     def _count_node(self, node: ast.expr, depth: int = 0) -> None:
         """Count a node; refuse an expression with too many nodes, or too deep ones."""
         self.nodes += 1
-        if self.nodes > MAX_NODES:
-            self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
-        if depth > MAX_DEPTH:
-            self._refuse(node, f"at most {MAX_DEPTH} levels of parentheses")
+        if self.nodes > MAX_SYNTAX_NODES:
+            self._refuse(node, f"at most {MAX_SYNTAX_NODES} numbers, names and operations")
+        if depth > MAX_NESTING_DEPTH:
+            self._refuse(node, f"at most {MAX_NESTING_DEPTH} levels of parentheses")
 
     def _source_of(self, node: ast.expr) -> str:
         """Return the text of a node."""

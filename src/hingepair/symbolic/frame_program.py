@@ -251,7 +251,7 @@ class FrameProgram:
     # ---- attitudes outward, levers inward
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
-        """Return the attitudes at the starts of groups and of the frame, and those rotated by the groups' angles."""
+        """Return the attitudes at the starts of the groups and of the frame, and those after each rotation."""
         attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX]
         rotated: list[MatrixExpr] = []
         for group in groups:

@@ -16,7 +16,7 @@ import sympy
 from hingepair.symbolic.exact_constants import unnested
 from hingepair.symbolic.kinks import Expr
 
-MAX_TERMS: Final = 200
+MAX_SUM_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
 MAX_TERM_PAIRS: Final = 10_000
 """Largest number of pairs of terms in one multiplication."""
@@ -76,7 +76,7 @@ def sine(angle: Expr) -> Expr:
 
 
 def cosine(angle: Expr) -> Expr:
-    """Return the cosine of an angle, unevaluated likewise: cos(atan(x)) can then still become cos(atan(x) + ...)."""
+    """Return the cosine of an angle, unevaluated as the sine is: cos(atan(x)) may become cos(atan(x) + ...)."""
     return _evaluate_trig(sympy.cos, angle)
 
 
@@ -96,7 +96,7 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
     if expr.is_Mul:
         return functools.reduce(_multiply_sums, map(_expand_terms, expr.args))
-    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_TERMS and expr.free_symbols:
+    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_SUM_TERMS and expr.free_symbols:
         return functools.reduce(_multiply_sums, [_expand_terms(expr.base)] * int(expr.exp))
     if isinstance(expr, sympy.sin | sympy.cos) and expr.free_symbols:
         return dict(_normalise_trig(expr.args[0], isinstance(expr, sympy.sin)))
@@ -119,7 +119,7 @@ def _collect_terms(items: Iterable[tuple[_TrigFactor, Fraction]]) -> _TrigTerms:
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient
     total = {wave: coefficient for wave, coefficient in total.items() if coefficient}
-    if len(total) > MAX_TERMS:
+    if len(total) > MAX_SUM_TERMS:
         raise _TooManyTermsError
     return total
 
