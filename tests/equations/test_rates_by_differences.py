@@ -126,9 +126,9 @@ def levers(pair):
 def test_body2(pair):
     S1, (_, (psid,), (psidd,)) = tuple_of(pair.S()), pair.psi
     arm, lever_cos, lever_sin = levers(pair)
-    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge(pair), eq.cosine(hinge(pair)))
+    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge(pair), eq.cosine_of_psi(hinge(pair)))
     d = eq.offset(S1, eq.lever_fixed(pair.u1, arm, lever_cos), lever_moving)
-    lever_by_psi = eq.lever_by_psi(S1, lever_cos, lever_sin, hinge(pair), eq.cosine(hinge(pair)))
+    lever_by_psi = eq.lever_by_psi(S1, lever_cos, lever_sin, hinge(pair), eq.cosine_of_psi(hinge(pair)))
     omega1, alpha1, axis = tuple(pair.omega()), tuple(pair.alpha), eq.rotate(S1, pair.n)
     same(eq.position2(tuple(pair.R()), d), pair.R2())
     same(eq.velocity2(pair.points[1], omega1, d, lever_by_psi, psid), rate(pair.R2))

@@ -197,9 +197,9 @@ def test_the_pair_is_named_after_robot_and_joint():
 @pytest.fixture
 def forgotten():
     """The listing is read again, in this test and after it."""
-    robots._files.cache_clear()
+    robots._urdf_paths.cache_clear()
     yield
-    robots._files.cache_clear()
+    robots._urdf_paths.cache_clear()
 
 
 @pytest.mark.usefixtures("forgotten")

@@ -141,10 +141,10 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     np.savez(tmp_path / "log.npz", t=np.arange(3))
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
         read_columns(tmp_path / "log.npz", ALL)
-    monkeypatch.setattr(column_file, "MAX_BYTES", path.stat().st_size)
+    monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size)
     monkeypatch.setattr(column_file, "MAX_ROWS", 3)
     assert read_columns(path, ALL)["t"].size == 3
-    monkeypatch.setattr(column_file, "MAX_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(hp.ArgumentError, match="bytes"):
         read_columns(path, ALL)
 

@@ -141,7 +141,7 @@ def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
             patch.setattr("hingepair.numeric.column_file.MAX_ROWS", 11)
             with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
                 scene_of(tmp_path, GOOD, name=name)
-            patch.setattr("hingepair.numeric.column_file.MAX_BYTES", 100)
+            patch.setattr("hingepair.numeric.column_file.MAX_FILE_BYTES", 100)
             with pytest.raises(hp.SceneError, match="at most 100 bytes"):
                 scene_of(tmp_path, GOOD, name=name)
 

@@ -13,7 +13,7 @@ import hingepair as hp
 from hingepair.plans.steps import COORDINATES
 from hingepair.scenes.logged_motion import ARRAYS, COLUMNS
 from hingepair.scenes.mechanisms.mechanism_table import JOINT_KEYS, MECHANISM_KEYS
-from hingepair.scenes.mechanisms.scene import OUTPUTS
+from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUTS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES
@@ -94,7 +94,7 @@ WORDS = (
     *LOAD_KEYS,
     *MECHANISM_KEYS,
     *JOINT_KEYS,
-    *OUTPUTS,
+    *MECHANISM_OUTPUTS,
 )
 
 

@@ -299,7 +299,7 @@ FAULTS = {
     ),
     "matrices not checked": Fault(
         "rotations/matrices.py",
-        "tolerance = 2 * TOLERANCE[dtype.itemsize]\n    if",
+        "tolerance = 2 * ROTATION_TOLERANCES[dtype.itemsize]\n    if",
         "tolerance = 9.0\n    if",
         "rotations/test_rotation_laws.py::test_what_is_no_rotation_is_refused[rotation_log]",
     ),
@@ -946,8 +946,8 @@ FAULTS = {
     ),
     "no second round along the smooth path": Fault(
         "measured/smooth.py",
-        "_ROUNDS = 2",
-        "_ROUNDS = 1",
+        "_ATTITUDE_ROUNDS = 2",
+        "_ATTITUDE_ROUNDS = 1",
         "measured/test_smooth.py::test_rough_attitudes_are_smoothed_along_a_smooth_path",
     ),
     "degrees of freedom hardly counted": Fault(
@@ -1373,14 +1373,14 @@ FAULTS = {
     ),
     "a further body where the frame's body is": Fault(
         "mechanism/building.py",
-        "payload = body_inertia(body).placed(Pose(frame.S, frame.R))",
+        "payload = body_inertia(body).placed(FramePose(frame.S, frame.R))",
         "payload = body_inertia(body)",
         "mechanism/test_building.py::test_a_payload_adds_its_mass_where_it_is",
     ),
     "a further frame in the axes of the body": Fault(
         "mechanism/building.py",
-        'pose = Pose(frame.S, frame.R).placed(Pose(turn, one_constant("R", R, 3)))',
-        'pose = Pose(turn, frame.R + one_constant("R", R, 3))',
+        'pose = FramePose(frame.S, frame.R).placed(FramePose(turn, one_constant("R", R, 3)))',
+        'pose = FramePose(turn, frame.R + one_constant("R", R, 3))',
         "mechanism/test_building.py::test_a_frame_is_added_where_it_is_said",
     ),
     "a joint's axis as a pair in the child's axes": Fault(
@@ -1421,8 +1421,8 @@ FAULTS = {
     ),
     "fixed links of a robot's URDF not turned": Fault(
         "formats/robot_writer.py",
-        'add(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))',
-        'add(element, "origin", xyz=frame.R, rpy=(0.0, 0.0, 0.0))',
+        'add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))',
+        'add_element(element, "origin", xyz=frame.R, rpy=(0.0, 0.0, 0.0))',
         "formats/test_robot_urdf.py::test_what_was_written_is_read_back[panda]",
     ),
     "joints of a robot's URDF in the order of their names": Fault(
@@ -1536,7 +1536,7 @@ FAULTS = {
     ),
     "the shapes of body 2 of a page drawn from its reference point": Fault(
         "pictures/page_model.py",
-        "placed_shapes(two, Pose(still, 0.0 - pair.u2))",
+        "placed_shapes(two, FramePose(still, 0.0 - pair.u2))",
         "two",
         "pictures/test_page.py::test_shapes_are_drawn_where_they_are",
     ),

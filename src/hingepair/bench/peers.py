@@ -25,7 +25,7 @@ from hingepair.bench.engines import (
     pinocchio_coordinates,
 )
 from hingepair.bench.measure import Job, Method
-from hingepair.bench.truth import Motion
+from hingepair.bench.truth import MotionArrays
 from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
@@ -51,11 +51,11 @@ class KinematicsTask(NamedTuple):
     """A batch of states of which every method computes the motion of body 2."""
 
     pair: HingePair
-    motion: Motion
+    motion: MotionArrays
     buffers: OutputArrays
 
     @property
-    def arguments(self) -> Motion:
+    def arguments(self) -> MotionArrays:
         """Return q, qd, qdd of shape (N, 7); of a batch of one sample those of one state, shape (7,)."""
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
@@ -65,7 +65,7 @@ class KinematicsTask(NamedTuple):
         return KinematicsTask(self.pair, tuple(c[:count] for c in self.motion), buffers)
 
 
-def make_kinematics_task(pair: HingePair, motion: Motion, outputs: tuple[str, ...]) -> KinematicsTask:
+def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[str, ...]) -> KinematicsTask:
     """Return a task with output buffers, every memory page of which has been written to."""
     samples = len(motion[0])
     return KinematicsTask(

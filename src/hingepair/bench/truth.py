@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hingepair.pair.accuracy import euler_rate_sizes, output_scales
 
 Array: TypeAlias = NDArray[Any]
-Motion: TypeAlias = tuple[Array, ...]
+MotionArrays: TypeAlias = tuple[Array, ...]
 PairNumbers: TypeAlias = Mapping[str, Any]
 
 TRUTH_DIGITS = 700
@@ -102,7 +102,7 @@ class ExactResults:
         outputs: names of the outputs that are compared.
     """
 
-    def __init__(self, pair: PairNumbers, motion: Motion, outputs: tuple[str, ...]):
+    def __init__(self, pair: PairNumbers, motion: MotionArrays, outputs: tuple[str, ...]):
         self.motion = motion
         self.outputs = outputs
         self.scales = _error_scales(pair, self.motion)
@@ -123,7 +123,7 @@ class ExactResults:
         return worst
 
 
-def _error_scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.float64]]:
+def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[np.float64]]:
     """Return the scale of each output's error, by name; shape (N,) or a number."""
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
@@ -132,7 +132,7 @@ def _error_scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.flo
     return output_scales(u1=pair["u1"], u2=pair["u2"], W1=W1, A1=A1, **linear, **hinge)
 
 
-def random_states(rng: np.random.Generator, count: int, parts: int) -> Motion:
+def random_states(rng: np.random.Generator, count: int, parts: int) -> MotionArrays:
     """Return normally distributed q, qd, qdd of shape (count, 7).
 
     Args:
@@ -143,7 +143,7 @@ def random_states(rng: np.random.Generator, count: int, parts: int) -> Motion:
     return tuple(rng.normal(size=(parts, count, 7)))
 
 
-def hard_states(rng: np.random.Generator, parts: int) -> Motion:
+def hard_states(rng: np.random.Generator, parts: int) -> MotionArrays:
     """Return q, qd, qdd of states that are numerically difficult, each a random state with one change.
 
     Args:

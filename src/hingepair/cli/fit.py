@@ -26,7 +26,7 @@ from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.results import ENDINGS, Record, check_ending
+from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
@@ -53,7 +53,7 @@ def fit_command(
         float, typer.Option(metavar="SECONDS", help="Longest time without a sample that is bridged between clocks.")
     ] = 0.05,
     out: Annotated[
-        Path | None, out_option(f"Write psi and what is left of each sample ({', '.join(ENDINGS)}).")
+        Path | None, out_option(f"Write psi and what is left of each sample ({', '.join(RESULT_SUFFIXES)}).")
     ] = None,
     plot: Annotated[
         Path | None,

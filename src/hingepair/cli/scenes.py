@@ -29,7 +29,7 @@ from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import ENDINGS, check_ending, column_names, result_file
+from hingepair.pair.results import RESULT_SUFFIXES, check_ending, column_names, result_file
 from hingepair.scenes.mechanisms.forces import load_rows
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
@@ -45,7 +45,7 @@ MAX_CHECKED_MECHANISM_INSTANTS = 501
 """Instants of a mechanism that `check` compares at most; those of a humanoid take some seconds."""
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(ENDINGS)}).")]
+ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_SUFFIXES)}).")]
 
 
 def run_command(

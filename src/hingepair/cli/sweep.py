@@ -14,13 +14,13 @@ from rich.console import Console
 from hingepair.cli.output import JsonOption, make_console, out_option
 from hingepair.errors import printable
 from hingepair.numeric.tables import json_text
-from hingepair.sweeps.stores import ENDINGS
+from hingepair.sweeps.stores import STORE_SUFFIXES
 from hingepair.sweeps.sweep import Progress, load_sweep, run_sweep
 
 SweepArgument = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]
 StoreOption = Annotated[
     Path | None,
-    out_option(f"Write the results to FILE ({', '.join(ENDINGS)}); default: the sweep's name with .parquet."),
+    out_option(f"Write the results to FILE ({', '.join(STORE_SUFFIXES)}); default: the sweep's name with .parquet."),
 ]
 
 

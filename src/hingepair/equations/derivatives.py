@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.spatial import Hinge, Matrix, Scalar, Vector
+from hingepair.equations.spatial import HingeTrig, Matrix, Scalar, Vector
 
 Entries: TypeAlias = tuple[Scalar, ...]
 Axes: TypeAlias = tuple[Vector, Vector, Vector]
 
-WORLD: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+WORLD_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """The world's axes."""
 
 _ZERO: Vector = (0.0, 0.0, 0.0)  # a derivative that is none
@@ -30,7 +30,7 @@ def jacobian(turns: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
 
     v2 = v1 + omega1 x d + (r2 x S1 n) psi' and omega2 = omega1 + S1 n psi'; d = r1 - r2, axis = S1 n.
     """
-    moved = [(*unit, *_ZERO) for unit in WORLD]
+    moved = [(*unit, *_ZERO) for unit in WORLD_AXES]
     turned = [(*eq.cross(turn, d), *turn) for turn in turns]
     return beside(*moved, *turned, (*eq.cross(r2, axis), *axis))
 
@@ -55,11 +55,11 @@ def jacobian_rate(turns: Axes, turn_rates: Axes, d: tuple[Vector, Vector], r2: V
 
 def across(n: Vector) -> Axes:
     """Return the columns of I - n n^T, the projection of a change of n that keeps n at unit length."""
-    x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD, n, strict=True))
+    x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD_AXES, n, strict=True))
     return x, y, z
 
 
-def turns_by_n(S1: Matrix, n: Vector, hinge: Hinge) -> Axes:
+def turns_by_n(S1: Matrix, n: Vector, hinge: HingeTrig) -> Axes:
     """Return the rotation of body 2, world axes, by a change of each component of n (E6).
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge = (sin psi, 1 - cos psi).
@@ -67,7 +67,7 @@ def turns_by_n(S1: Matrix, n: Vector, hinge: Hinge) -> Axes:
     s, k = hinge[0], hinge[1]
     x, y, z = (
         eq.rotate(S1, eq.add(eq.scale(part, s), eq.scale(eq.cross(n, unit), k)))
-        for part, unit in zip(across(n), WORLD, strict=True)
+        for part, unit in zip(across(n), WORLD_AXES, strict=True)
     )
     return x, y, z
 

@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 
 Scalar: TypeAlias = Any
 Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
-Hinge: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
+HingeTrig: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
 Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 
 
@@ -73,7 +73,7 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def hinge_rotation(n: Vector, hinge: Hinge) -> Matrix:
+def hinge_rotation(n: Vector, hinge: HingeTrig) -> Matrix:
     """Return Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
     s, k = hinge[0], hinge[1]
     x, y, z = n
@@ -92,7 +92,7 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
-def cosine(hinge: Hinge) -> Scalar:
+def cosine_of_psi(hinge: HingeTrig) -> Scalar:
     """Return the cosine of psi; hinge = (sin psi, 1 - cos psi)."""
     return 1 - hinge[1]
 
@@ -102,7 +102,7 @@ def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
     return subtract(u1, subtract(arm, lever_cos))
 
 
-def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge: HingeTrig, cosine: Scalar) -> Vector:
     """Return lever_cos cos(psi) + lever_sin sin(psi), the part of Sh C u2 that psi moves (E6); body-1 axes.
 
     lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
@@ -115,7 +115,7 @@ def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
     return rotate(S1, subtract(lever_fixed, lever_moving))
 
 
-def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge: HingeTrig, cosine: Scalar) -> Vector:
     """Return S1 n x S2 u2, the derivative of S2 u2 by psi: that of `lever_moving`, in world axes."""
     return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge[0])))
 

@@ -88,7 +88,7 @@ class Base(NamedTuple):
     second: Symmetric
 
 
-class Place(NamedTuple):
+class Placement(NamedTuple):
     """Where a joint has its body: Q and r in the parent's axes; turn is None of a slider."""
 
     S: Matrix
@@ -121,21 +121,21 @@ def turned_columns(A: Matrix, turn: Turn) -> Matrix:
     )  # fmt: skip
 
 
-def to_parent(place: Place, v: Vector) -> Vector:
+def to_parent(place: Placement, v: Vector) -> Vector:
     """Return Q v, a vector of the body in its parent's axes."""
     return rotate(place.S, v if place.turn is None else turned(place.turn, v))
 
 
-def to_child(place: Place, v: Vector) -> Vector:
+def to_child(place: Placement, v: Vector) -> Vector:
     """Return Q^T v, a vector of the parent in the body's axes."""
     back = rotate(transpose(place.S), v)
     return back if place.turn is None else turned_back(place.turn, back)
 
 
-def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]) -> list[Place]:
+def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]) -> list[Placement]:
     """Return Q and r of every joint, from (sin q, cos q) of each hinge and the shift q of each slider."""
     return [
-        Place(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
+        Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
         for link, turn, shift in zip(links, turns, shifts, strict=True)
     ]
 
@@ -156,7 +156,7 @@ def axis_of(pose: Pose) -> Vector:
     return pose.S[2], pose.S[5], pose.S[8]
 
 
-def poses(links: Sequence[Link], joints: Sequence[Place], S1: Matrix) -> list[Pose]:
+def poses(links: Sequence[Link], joints: Sequence[Placement], S1: Matrix) -> list[Pose]:
     """Return the pose of every body, the base first (E5, E7 with u2 = 0)."""
     bodies = [Pose(S1, ZERO, ZERO)]
     for link, joint in zip(links, joints, strict=True):
@@ -295,7 +295,7 @@ def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
     )  # fmt: skip
 
 
-def symmetric_to_parent(place: Place, A: Symmetric) -> Symmetric:
+def symmetric_to_parent(place: Placement, A: Symmetric) -> Symmetric:
     """Return Q A Q^T."""
     return conjugate(place.S, A if place.turn is None else turned_symmetric(place.turn, A))
 
@@ -334,7 +334,7 @@ def velocity_gradient(omega: Vector, alpha: Vector) -> Matrix:
 
 def accelerations(
     links: Sequence[Link],
-    joints: Sequence[Place],
+    joints: Sequence[Placement],
     qd: Sequence[Scalar],
     qdd: Sequence[Scalar],
     omega: Vector,
@@ -377,7 +377,7 @@ def matter_wrench(mass: Scalar, first: Vector, second: Symmetric, feels: Acceler
     return force, add(torque, cross(first, a))
 
 
-def inward(links: Sequence[Link], joints: Sequence[Place], own: Iterable[Wrench]) -> list[Wrench]:
+def inward(links: Sequence[Link], joints: Sequence[Placement], own: Iterable[Wrench]) -> list[Wrench]:
     """Return the wrench that each joint transmits, the base's first, from the wrenches on each body (T3)."""
     sums = list(own)
     for number in range(len(links), 0, -1):
@@ -422,7 +422,7 @@ class Matter(NamedTuple):
     second: Symmetric
 
 
-def composites(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> list[Matter]:
+def composites(base: Base, links: Sequence[Link], joints: Sequence[Placement]) -> list[Matter]:
     """Return the matter of each body together with all bodies beyond it, the base first (T4)."""
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
@@ -449,7 +449,7 @@ def axis_wrench(slides: bool, matter: Matter) -> Wrench:
 
 
 def mass_matrix(
-    links: Sequence[Link], joints: Sequence[Place], matter: Sequence[Matter]
+    links: Sequence[Link], joints: Sequence[Placement], matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
     """Return the rows of M up to the diagonal, and by joint the wrench on the base, base axes (T4)."""
     rows: list[list[Scalar]] = []
@@ -488,7 +488,7 @@ def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
 # ---- articulated bodies
 
 
-class Resistance(NamedTuple):
+class SpatialInertia(NamedTuple):
     """[t f] = [J H; H^T M] [alpha a] (T5); H row by row."""
 
     J: Symmetric
@@ -505,10 +505,10 @@ class Elimination(NamedTuple):
     pivot: Scalar
 
 
-def resistance_of(mass: Scalar, first: Vector, second: Symmetric) -> Resistance:
+def resistance_of(mass: Scalar, first: Vector, second: Symmetric) -> SpatialInertia:
     """Return the articulated inertia of one body alone (T5)."""
     x, y, z = first
-    return Resistance(inertia_of(second), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass))
+    return SpatialInertia(inertia_of(second), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass))
 
 
 def turned_pair(turn: Turn, A: Matrix) -> Matrix:
@@ -523,7 +523,7 @@ def turned_pair(turn: Turn, A: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def resistance_to_parent(place: Place, own: Resistance) -> Resistance:
+def resistance_to_parent(place: Placement, own: SpatialInertia) -> SpatialInertia:
     """Return an articulated inertia about the parent's reference point, in its axes (T5)."""
     J, H, M = own
     if place.turn is not None:
@@ -540,7 +540,7 @@ def resistance_to_parent(place: Place, own: Resistance) -> Resistance:
     rows, levers = (both[0:3], both[3:6], both[6:9]), (lever[0:3], lever[3:6], lever[6:9])
     picked = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     xx, xy, xz, yy, yz, zz = (crossed[3 * i + j] + dot(rows[i], levers[j]) for i, j in picked)
-    return Resistance(symmetric_sum(J, (xx, xy, xz, yy, yz, zz)), both, M)
+    return SpatialInertia(symmetric_sum(J, (xx, xy, xz, yy, yz, zz)), both, M)
 
 
 def _sum(A: Matrix, B: Matrix) -> Matrix:
@@ -549,16 +549,16 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 
 
 def eliminated(
-    slides: bool, armature: Scalar, own: Resistance, reciprocal: Callable[[Scalar], Scalar]
-) -> tuple[Elimination, Resistance]:
+    slides: bool, armature: Scalar, own: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[Elimination, SpatialInertia]:
     """Return U and D of a body's joint, and the articulated inertia that the free joint leaves (T5, T10)."""
     J, H, M = own
     if slides:
         torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5] + armature
         share = reciprocal(pivot)
-        held = _held(armature, share)
+        held = _rotor_share(armature, share)
         (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
-        left = Resistance(
+        left = SpatialInertia(
             (
                 J[0] - torque[0] * a, J[1] - torque[0] * b, J[2] - torque[0] * c,
                 J[3] - torque[1] * b, J[4] - torque[1] * c, J[5] - torque[2] * c,
@@ -576,9 +576,9 @@ def eliminated(
         return Elimination(torque, force, share, pivot), left
     torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5] + armature
     share = reciprocal(pivot)
-    held = _held(armature, share)
+    held = _rotor_share(armature, share)
     (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
-    left = Resistance(
+    left = SpatialInertia(
         (
             J[0] - torque[0] * a, J[1] - torque[0] * b, torque[0] * held,
             J[3] - torque[1] * b, torque[1] * held, torque[2] * held,
@@ -596,14 +596,14 @@ def eliminated(
     return Elimination(torque, force, share, pivot), left
 
 
-def _held(armature: Scalar, share: Scalar) -> Scalar:
+def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
     """Return I / D, the share of an acceleration along the axis that the rotor makes the body resist (T10)."""
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
 
 def articulated(
-    base: Base, links: Sequence[Link], joints: Sequence[Place], reciprocal: Callable[[Scalar], Scalar]
-) -> tuple[list[Elimination], Resistance]:
+    base: Base, links: Sequence[Link], joints: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[list[Elimination], SpatialInertia]:
     """Return U and D of every joint, and the articulated inertia of the base (T5)."""
     sums = [resistance_of(body.mass, body.first, body.second) for body in _bodies(base, links)]
     steps: list[Elimination] = []
@@ -613,12 +613,12 @@ def articulated(
         steps.append(step)
         J, H, M = resistance_to_parent(joint, left)
         p = sums[link.parent]
-        sums[link.parent] = Resistance(symmetric_sum(p.J, J), _sum(p.H, H), symmetric_sum(p.M, M))
+        sums[link.parent] = SpatialInertia(symmetric_sum(p.J, J), _sum(p.H, H), symmetric_sum(p.M, M))
     return steps[::-1], sums[0]
 
 
 def given_way(
-    links: Sequence[Link], joints: Sequence[Place], steps: Sequence[Elimination], loads: Sequence[Scalar]
+    links: Sequence[Link], joints: Sequence[Placement], steps: Sequence[Elimination], loads: Sequence[Scalar]
 ) -> tuple[list[Scalar], Wrench]:
     """Return q'' of each joint by its load where its parent rests, and the wrench on the base, base axes (T6)."""
     own: list[Wrench] = [(ZERO, ZERO)] * (len(links) + 1)
@@ -637,7 +637,7 @@ def given_way(
 
 def joint_accelerations(
     links: Sequence[Link],
-    joints: Sequence[Place],
+    joints: Sequence[Placement],
     steps: Sequence[Elimination],
     left: Sequence[Scalar],
     alpha: Vector,
@@ -663,7 +663,7 @@ def joint_accelerations(
 
 
 def velocities(
-    links: Sequence[Link], joints: Sequence[Place], qd: Sequence[Scalar], v: Vector, omega: Vector
+    links: Sequence[Link], joints: Sequence[Placement], qd: Sequence[Scalar], v: Vector, omega: Vector
 ) -> list[tuple[Vector, Vector]]:
     """Return (v, omega) of every body in its own axes, the base first."""
     bodies = [(v, omega)]

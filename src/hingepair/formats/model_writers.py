@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
-from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
+from hingepair.formats.xml_text import BEYOND, add_element, add_joint, check_text, document, long_axis
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
@@ -103,31 +103,33 @@ def to_urdf(
     if body1 is not None and base != "fixed":
         raise ArgumentError("body1", f'None beside base="{base}", whose place is not in the model', quoted(body1))
     load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
-    parts = _parts(pair)
+    parts = _pair_parts(pair)
     robot = ET.Element("robot", {"name": pair.name})
     # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
-    add(add(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+    add_element(add_element(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
     for part in parts:
-        add(add(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
+        add_element(add_element(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
     if base != "free":
-        add(robot, "link", name=WORLD)
+        add_element(robot, "link", name=WORLD)
     for part in parts:
         _add_urdf_link(robot, part)
-    add(robot, "link", name=BODY2)
+    add_element(robot, "link", name=BODY2)
     if base != "free":
         to_body1 = add_joint(robot, BASE, base, WORLD, BODY1)
         if body1 is not None:
             R, S = _standing(body1)
-            add(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
+            add_element(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
     limits = load.stops or pair.limits
     hinge = add_joint(robot, HINGE, "revolute" if limits else "continuous", BODY1, BODY2_AT_HINGE)
-    add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
-    add(hinge, "axis", xyz=long_axis(_axis2(pair)))
-    if limit := _limit(pair, limits):
-        add(hinge, "limit", **limit)
+    add_element(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
+    add_element(hinge, "axis", xyz=long_axis(_axis2(pair)))
+    if limit := _limit_attributes(pair, limits):
+        add_element(hinge, "limit", **limit)
     if load.damping or load.friction:
-        add(hinge, "dynamics", damping=load.damping, friction=load.friction)
-    add(add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_NO_ROTATION)
+        add_element(hinge, "dynamics", damping=load.damping, friction=load.friction)
+    add_element(
+        add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_NO_ROTATION
+    )
     return document(robot)
 
 
@@ -170,22 +172,22 @@ def to_mjcf(
     """
     check_choice("base", base, ("free", "pinned", "fixed"))
     load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
-    one, two = _parts(pair)
+    one, two = _pair_parts(pair)
     root = ET.Element("mujoco", {"model": pair.name})
-    add(root, "compiler", **_COMPILER)
-    add(root, "option", gravity=one_constant("gravity", gravity, 3))
+    add_element(root, "compiler", **_COMPILER)
+    add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
     place: dict[str, Any] = {}
     if body1 is not None:
         R, S = _standing(body1)
         place = {"pos": R, "quat": matrix_to_quaternion(S)}
-    carrier = add(add(root, "worldbody"), "body", name=BODY1, **place)
+    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1, **place)
     if base == "free":
-        add(carrier, "freejoint", name=BASE)
+        add_element(carrier, "freejoint", name=BASE)
     elif base == "pinned":
-        add(carrier, "joint", name=BASE, type="ball")
+        add_element(carrier, "joint", name=BASE, type="ball")
     _add_mjcf_body(carrier, one)
     quat_wxyz = matrix_to_quaternion(pair.home)
-    at_hinge = add(carrier, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
     limits = load.stops or pair.limits
     more: dict[str, Any] = {"range": limits} if limits else {}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
@@ -194,9 +196,9 @@ def to_mjcf(
         more |= {"stiffness": load.stiffness, "springref": load.rest}
     more |= {"damping": load.damping} if load.damping else {}
     more |= {"frictionloss": load.friction} if load.friction else {}
-    add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **more)
+    add_element(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **more)
     _add_mjcf_body(at_hinge, two)
-    add(at_hinge, "body", name=BODY2, pos=-pair.u2)
+    add_element(at_hinge, "body", name=BODY2, pos=-pair.u2)
     return document(root)
 
 
@@ -264,15 +266,19 @@ class _Part(NamedTuple):
     shapes: tuple[Shape, ...]
 
 
-def _parts(pair: HingePair) -> tuple[_Part, _Part]:
+def _pair_parts(pair: HingePair) -> tuple[_Part, _Part]:
     """Return body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
     one, two = drawn_shapes(pair)
     check_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
-    return _part(BODY1, blue, pair.body1, one, np.zeros(3)), _part(BODY2_AT_HINGE, orange, pair.body2, two, pair.u2)
+    return _make_model_part(BODY1, blue, pair.body1, one, np.zeros(3)), _make_model_part(
+        BODY2_AT_HINGE, orange, pair.body2, two, pair.u2
+    )
 
 
-def _part(link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], origin: Float64Array) -> _Part:
+def _make_model_part(
+    link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], origin: Float64Array
+) -> _Part:
     body = given or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = _readable(body.inertia).tolist()
@@ -309,7 +315,7 @@ def _short(length: float) -> float:
     return float(f"{length:.2g}")
 
 
-def _limit(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
+def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
     """Return the attributes of URDF's `limit`: effort and velocity are always both written, where it is written."""
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(given.values()) == {None}:
@@ -319,17 +325,19 @@ def _limit(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, flo
 
 
 def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
-    link = add(robot, "link", name=part.link)
-    inertial = add(link, "inertial")
-    add(inertial, "origin", xyz=part.center, rpy=_NO_ROTATION)
-    add(inertial, "mass", value=part.mass)
-    add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
+    link = add_element(robot, "link", name=part.link)
+    inertial = add_element(link, "inertial")
+    add_element(inertial, "origin", xyz=part.center, rpy=_NO_ROTATION)
+    add_element(inertial, "mass", value=part.mass)
+    add_element(
+        inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True))
+    )
     for shape in part.shapes:
         kind, sizes, rpy = _geometry(shape)
-        visual = add(link, "visual")
-        add(visual, "origin", xyz=shape.center, rpy=rpy)
-        add(add(visual, "geometry"), kind, **sizes)
-        add(visual, "material", name=f"{part.link}_paint")
+        visual = add_element(link, "visual")
+        add_element(visual, "origin", xyz=shape.center, rpy=rpy)
+        add_element(add_element(visual, "geometry"), kind, **sizes)
+        add_element(visual, "material", name=f"{part.link}_paint")
 
 
 def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
@@ -344,10 +352,10 @@ def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 
 
 def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
-    add(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
+    add_element(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
-        add(body, "geom", **_geom(shape), pos=shape.center, **drawn)
+        add_element(body, "geom", **_geom(shape), pos=shape.center, **drawn)
 
 
 def _geom(shape: Shape) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def read_recording(
     bodies: dict[str, _Body] = {}
     present: list[str] = []
     for place, path in enumerate(paths, start=1):
-        columns = _columns(path, ignore, encoder, present)
+        columns = _read_columns(path, ignore, encoder, present)
         digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
         if "1" in digits and "" in digits:
             digits.remove("")  # coordinates beside poses, as results are saved
@@ -96,7 +96,7 @@ def read_recording(
             if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
             reading = None if encoder is None else columns.get(encoder)
-            bodies[name] = _Body(_motion(path, columns, digit, name), columns.get("t"), path, reading)
+            bodies[name] = _Body(_body_motion(path, columns, digit, name), columns.get("t"), path, reading)
     for name in ("1", "2"):
         if name not in bodies:
             wanted = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
@@ -114,7 +114,7 @@ def read_recording(
 
 def _on_one_clock(first: _Body, second: _Body, gaps: float) -> Recording:
     """Return both bodies at the instants of the one with the longer steps."""
-    t1, t2 = _instants(first), _instants(second)
+    t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
         return Recording(first.motion, second.motion, t1, first.encoder)
     times = [increasing_seconds(f"{body.path}: t", t)[0] for body, t in ((first, t1), (second, t2))]
@@ -134,7 +134,7 @@ def _on_one_clock(first: _Body, second: _Body, gaps: float) -> Recording:
     return recording
 
 
-def _instants(body: _Body) -> NDArray[Any]:
+def _body_instants(body: _Body) -> NDArray[Any]:
     """Return the instants of a body that has a file of its own, or refuse a file without them."""
     if body.t is None:
         raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
@@ -157,7 +157,7 @@ def _has(columns: Columns, names: tuple[str, ...]) -> bool:
     return any(name in columns for name in names)
 
 
-def _motion(path: Path, columns: Columns, digit: str, body: str) -> BodyMotion:
+def _body_motion(path: Path, columns: Columns, digit: str, body: str) -> BodyMotion:
     """Return the motion of a body; an attitude is NaN where a part of it is missing or its quaternion is 0.
 
     Body 2 without any column of an attitude is a point.
@@ -195,12 +195,12 @@ def _present(columns: Columns, names: Sequence[str]) -> list[str]:
     return [name for name in names if name in columns]
 
 
-def _columns(path: Path, ignore: Sequence[str], encoder: str | None, present: list[str]) -> Columns:
+def _read_columns(path: Path, ignore: Sequence[str], encoder: str | None, present: list[str]) -> Columns:
     """Return the columns that a recording is made of, by name; add the names of all columns to `present`."""
 
     def choose(names: list[str]) -> list[str]:
         present.extend(names)
-        return _known(names, ignore, encoder)
+        return _known_columns(names, ignore, encoder)
 
     try:
         columns = read_columns(path, Wanted(choose, _names_of, exact="t"))
@@ -214,7 +214,7 @@ def _names_of(name: str, tail: tuple[int, ...]) -> ArrayLike:
     return np.reshape(column_names({name: np.empty((1, *tail))}), tail) if tail in {(3,), (3, 3)} else name
 
 
-def _known(names: Sequence[str], ignore: Sequence[str], encoder: str | None) -> list[str]:
+def _known_columns(names: Sequence[str], ignore: Sequence[str], encoder: str | None) -> list[str]:
     """Return the columns to read; refuse a column that is unknown or comes twice."""
     known = ["t", *(name for digit in ("1", "2", "") for own in _all_names(digit) for name in own)]
     if encoder is not None:

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
+from hingepair.formats.xml_text import BEYOND, add_element, add_joint, check_text, document, long_axis
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
@@ -52,7 +52,7 @@ class _Writer:
         """Return the element <robot>."""
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
-        add(add(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+        add_element(add_element(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
         bodies = [tree.base, *(joint.body for joint in tree.joints)]
         seats = [self._add_body(root, number, masses) for number, masses in enumerate(bodies)]
         for number, seat in enumerate(seats):
@@ -63,7 +63,7 @@ class _Writer:
                 self._add_moving(root, joint, parent, child)
         if base != "free":
             world = _new(self._links, "world")
-            add(root, "link", name=world)
+            add_element(root, "link", name=world)
             add_joint(root, _new(self._joints, "base"), base, world, seats[0])
         return root
 
@@ -75,11 +75,11 @@ class _Writer:
         seat = next((name for name, frame in links.items() if _is_here(frame)), None)
         if seat is None:
             seat = _new(self._links, f"{tree.joints[number - 1].name if number else 'base'}_at_joint")
-        own = add(root, "link", name=seat)
+        own = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
             _add_inertial(own, masses)
         for name, frame in links.items():
-            held_by = next((joint for joint, other in frames.items() if _alike(frame, other)), None)
+            held_by = next((joint for joint, other in frames.items() if _is_same_frame(frame, other)), None)
             frames.pop(held_by or "", None)
             if name != seat:
                 self._add_fixed(root, held_by or _new(self._joints, f"{name}_fixed"), seat, name, frame)
@@ -90,15 +90,15 @@ class _Writer:
 
     def _add_fixed(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
         """Add a link and the fixed joint that holds it."""
-        add(root, "link", name=link)
+        add_element(root, "link", name=link)
         element = add_joint(root, joint, "fixed", parent, link)
-        add(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
+        add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, seat: str, place: int, joint: str) -> str:
         """Return a new link that is fixed to a body by a joint whose name gives it its place among its siblings."""
         held_by = _new(self._joints, f"{place:04d}_{joint}")
         link = _new(self._links, f"{held_by}_carrier")
-        add(root, "link", name=link)
+        add_element(root, "link", name=link)
         add_joint(root, held_by, "fixed", seat, link)
         return link
 
@@ -106,32 +106,32 @@ class _Writer:
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
         element = add_joint(root, joint.name, kind, parent, child)
-        add(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
-        add(element, "axis", xyz=long_axis(joint.n))
+        add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
+        add_element(element, "axis", xyz=long_axis(joint.n))
         most = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
         if kind != "continuous" or np.isfinite(list(most.values())).any():
             limit = {key: value if math.isfinite(value) else BEYOND[key] for key, value in most.items()}
             if bounded:  # an infinite one of the two is the largest number
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
-            add(element, "limit", **limit)
+            add_element(element, "limit", **limit)
         if joint.mimic is not None:
             leader = self._tree.joints[joint.mimic.leader - 1].name
-            add(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
+            add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
 
 
 def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
-    inertial = add(link, "inertial")
-    add(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
-    add(inertial, "mass", value=masses.mass)
+    inertial = add_element(link, "inertial")
+    add_element(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
+    add_element(inertial, "mass", value=masses.mass)
     moments = masses.inertia[np.triu_indices(3)].tolist()
-    add(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
+    add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
 
 
 def _is_here(frame: Frame) -> bool:
     return not frame.R.any() and bool((np.eye(3) == frame.S).all())
 
 
-def _alike(one: Frame, other: Frame) -> bool:
+def _is_same_frame(one: Frame, other: Frame) -> bool:
     return np.array_equal(one.R, other.R) and np.array_equal(one.S, other.S)
 
 

@@ -79,7 +79,7 @@ def robot_names() -> tuple[str, ...]:
     Raises:
         MissingDependencyError: example-robot-data is not installed.
     """
-    files = _files()
+    files = _urdf_paths()
     count = Counter(_stem(name) for name in files)
     return tuple(sorted(_stem(name) if count[_stem(name)] == 1 else name for name in files))
 
@@ -94,16 +94,16 @@ def robot_urdf(robot: str) -> Path:
     >>> robot_urdf("anymal_c_simple_description/anymal").name
     'anymal.urdf'
     """
-    files = _files()
+    files = _urdf_paths()
     found = [name for name in files if robot in (name, _stem(name))]
     if len(found) == 1:
         return files[found[0]]
     if found:
         raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
-    raise ArgumentError("robot", _advice(str(robot)), quoted(robot))
+    raise ArgumentError("robot", _robot_advice(str(robot)), quoted(robot))
 
 
-def _advice(robot: str) -> str:
+def _robot_advice(robot: str) -> str:
     import difflib
 
     names = robot_names()
@@ -119,7 +119,7 @@ def _stem(name: str) -> str:
 
 
 @functools.cache
-def _files() -> Mapping[str, Path]:
+def _urdf_paths() -> Mapping[str, Path]:
     """Return the path of every URDF below robots/ of the installed package, by `folder/stem`.
 
     The package holds data only, and where its installer put them is for its own list of files to say.

@@ -20,7 +20,7 @@ from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import Joint, Robot
-from hingepair.urdf.rigid import HERE, Pose, combined
+from hingepair.urdf.rigid import HERE, FramePose, combined
 
 
 def from_urdf(
@@ -94,7 +94,7 @@ def hinge_pair(
     )
 
 
-def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
+def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, FramePose]:
     """Return rotation and origin of every link rigidly fixed to a hinge's link, in the axes of that link."""
     robot.check_link(link, hinge)
     poses = {link: HERE}
@@ -114,14 +114,14 @@ def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
     return poses
 
 
-def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: str) -> Pose:
+def _chosen(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
     wanted = link if frame is None else frame
     if not isinstance(wanted, str) or wanted not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
     return poses[wanted]
 
 
-def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body | None:
+def _combined_body(robot: Robot, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
     """Return the combined mass properties of links, in the frame in which their poses are given.
 
     Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
@@ -135,7 +135,7 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body 
                 if part.mass < 0:
                     raise ArgumentError(f"mass of {link!r}", "a number above 0", part.mass)
             mass, centre, tensor = combined(heavy.values())
-            return Body(mass, centre, tensor, _shapes(robot, poses)) if heavy else None
+            return Body(mass, centre, tensor, _link_shapes(robot, poses)) if heavy else None
         except ArgumentError as error:
             links = ", ".join(map(repr, heavy))
             told = f"the mass properties of the body of {links} are left out: {error}"
@@ -144,6 +144,6 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body 
     return None
 
 
-def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> tuple[Shape, ...]:
+def _link_shapes(robot: Robot, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
     """Return the boxes, cylinders and spheres of links; none where a link is drawn by anything else."""
     return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

@@ -28,7 +28,7 @@ def check_text(argument: str, text: str) -> None:
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
 
 
-def add(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
+def add_element(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
     """Return a new child of an element, with attributes: texts, numbers and arrays of numbers.
 
     Numbers have all their digits (repr knows no locale), and no -0 a sign.
@@ -49,9 +49,9 @@ def document(root: ET.Element) -> str:
 
 def add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
     """Return a new joint of a URDF robot."""
-    joint = add(robot, "joint", name=name, type=kind)
-    add(joint, "parent", link=parent)
-    add(joint, "child", link=child)
+    joint = add_element(robot, "joint", name=name, type=kind)
+    add_element(joint, "parent", link=parent)
+    add_element(joint, "child", link=child)
     return joint
 
 

@@ -18,7 +18,7 @@ from hingepair.numeric.arrays import check_choice, finite_number, one_constant, 
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair
-from hingepair.pair.evaluate import STATES, compute
+from hingepair.pair.evaluate import STATES, compute_state
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -245,7 +245,7 @@ def _compute_state(
             rotate_to_world(S1, values) if options.body_axes and S1 is not None and values.ndim == 2 else values
         )
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
-    return compute(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
+    return compute_state(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
 
 
 def _make_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.findings import Finding
-from hingepair.measured.hinge import frame, sign_of, turned
+from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import (
     MAX_OFFSET_STD,
     MIN_OFFSET_SIGNAL,
@@ -27,17 +27,20 @@ from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
 _TRIPLES, _ROUGH_TRIPLES = 300, 60  # of samples, each of which gives a circle; where clock offsets are compared
-_MAX_JUDGED = 300  # samples that tell which of these circles is best
+_MAX_RANKING_SAMPLES = 300  # samples that tell which of these circles is best
 _CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
-_THIN = 16384  # samples that the first steps are taken with
+_MAX_FIRST_SAMPLES = 16384  # samples that the first steps are taken with
 _ALL_SAMPLES = 2**62
-_MAX_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
-_MAX_TURN = 0.3  # of the axis in one step [rad]; of lengths, in parts of the diameter
-_MAX_LAST_STEP = 1e-3  # in standard deviations
+_MAX_CIRCLE_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
+_MAX_CIRCLE_TURN = 0.3  # of the axis in one step [rad]; of lengths, in parts of the diameter
+_MAX_CIRCLE_LAST_STEP = 1e-3  # in standard deviations
 _MAX_ACROSS_COMPONENT = 0.65
 """The first coordinate axis whose component of n is below this names the direction of psi = 0."""
-_LOSS_SCALE, _GROSS_SIZE = 5.99, 900.0  # of squares, in variances, at which losses bend and samples stop to count
+_CIRCLE_LOSS_SCALE, _GROSS_SIZE = (
+    5.99,
+    900.0,
+)  # of squares, in variances, at which losses bend and samples stop to count
 _OUTLIER_SIZE = 50.0
 _MEDIAN = 1.3863  # of chi-squared with 2 degrees of freedom
 _MIN_CURVE = 3.0  # width of the path across its chord, in parts of that out of its plane
@@ -45,7 +48,7 @@ _MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
 _MAX_AXIS_STD = np.radians(2.0)  # [rad]
 _MAX_POINT_STD = 0.1  # in parts of the levers' length
 _MAX_SYSTEMATIC = 0.02  # of the radius: residuals that are no noise and can be put up with
-_DIFFERENCE = 1e-6  # step of the derivatives of the results
+_CIRCLE_DIFFERENCE = 1e-6  # step of the derivatives of the results
 
 
 class Circle(NamedTuple):
@@ -58,7 +61,7 @@ class Circle(NamedTuple):
     def moved(self, step: Float64Array) -> Circle:
         """Return the circle after a step: turns of n across (2), the centre in axes of `frame` (3), the radius."""
         centre = self.centre + frame(self.n) @ step[2:5]
-        return Circle(turned(self.n, step[:2]), centre, self.radius + float(step[5]))
+        return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
 
     @property
     def start(self) -> Float64Array:
@@ -126,30 +129,30 @@ def fit_circle(
     """
     every = poses.samples if at is None else _ALL_SAMPLES
     at = at or (lambda _, most: poses.thinned(most))
-    some = at(offset, _THIN)
-    circle = _start(some.p.T)
+    some = at(offset, _MAX_FIRST_SAMPLES)
+    circle = _circle_of_samples(some.p.T)
     variance, still = np.inf, False
-    for most in (_THIN, every) if poses.samples > _THIN else (every,):
+    for most in (_MAX_FIRST_SAMPLES, every) if poses.samples > _MAX_FIRST_SAMPLES else (every,):
         some = at(offset, most)
-        for _ in range(_MAX_STEPS):
+        for _ in range(_MAX_CIRCLE_STEPS):
             rest, change = _linearised(circle, some)
-            variance, weights = _weighted(rest, some.weights, loss)
+            variance, weights = _variance_and_weights(rest, some.weights, loss)
             normal = np.einsum("n,nij,nik->jk", weights, change, change)
             gradient = np.einsum("n,nij,ni->j", weights, change, rest)
             step = -solved(normal, gradient)
             turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * circle.radius))
-            share = min(1.0, _MAX_TURN / max(turn, 1e-300))
+            share = min(1.0, _MAX_CIRCLE_TURN / max(turn, 1e-300))
             circle = circle.moved(share * step)
             if some.rates is not None:
                 offset += share * float(step[_CIRCLE_PARAMETERS])
                 some = at(offset, most)
-            still = bool(step @ normal @ step <= _MAX_LAST_STEP**2 * variance or turn < 1e-15)
+            still = bool(step @ normal @ step <= _MAX_CIRCLE_LAST_STEP**2 * variance or turn < 1e-15)
             if still:
                 break
     n = sign_of(circle.n) * circle.n
     circle = Circle(n, circle.centre, circle.radius - variance / (2 * circle.radius))  # noise makes circles too large
     rest, change = _linearised(circle, some)
-    _, weights = _weighted(rest, some.weights, loss)
+    _, weights = _variance_and_weights(rest, some.weights, loss)
     squares = (rest * rest).sum(axis=1)
     outliers = squares > _OUTLIER_SIZE * max(float(np.median(squares)) / _MEDIAN, 1e-300)
     outliers &= np.sqrt(squares) > 1e-12 * np.abs(some.p).max()
@@ -161,8 +164,8 @@ def fit_circle(
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
     own = free * inverse @ (sums @ sums.T) @ inverse.T
     columns = [
-        (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge)) / (2 * _DIFFERENCE)
-        for x in _DIFFERENCE * np.eye(_CIRCLE_PARAMETERS)
+        (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge)) / (2 * _CIRCLE_DIFFERENCE)
+        for x in _CIRCLE_DIFFERENCE * np.eye(_CIRCLE_PARAMETERS)
     ]
     derivatives = np.stack(columns, axis=-1)
     covariance = derivatives @ own[:_CIRCLE_PARAMETERS, :_CIRCLE_PARAMETERS] @ derivatives.T
@@ -191,27 +194,27 @@ def fit_circle(
 
 def circle_misfit(poses: RelativePoses) -> float:
     """Return how badly a circle fits places: minus the logarithm of the likelihood of a sample, by medians."""
-    circle = _start(poses.p.T, _ROUGH_TRIPLES)
+    circle = _circle_of_samples(poses.p.T, _ROUGH_TRIPLES)
     for _ in range(_ROUGH_STEPS):
         rest, change = _linearised(circle, poses._replace(rates=None))
         size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300
-        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_LOSS_SCALE * size * size))
+        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_CIRCLE_LOSS_SCALE * size * size))
         normal = np.einsum("n,nij,nik->jk", weights, change, change)
         step = -solved(normal, np.einsum("n,nij,ni->j", weights, change, rest))
         turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
-        circle = circle.moved(step * min(1.0, _MAX_TURN / max(turn, 1e-300)))
+        circle = circle.moved(step * min(1.0, _MAX_CIRCLE_TURN / max(turn, 1e-300)))
     rest, _ = _linearised(circle, poses)
     return float(np.log(np.median((rest * rest).sum(axis=1)) + 1e-30 * poses.size**2))
 
 
-def _weighted(rest: Float64Array, given: Float64Array, loss: Loss | None) -> tuple[float, Float64Array]:
+def _variance_and_weights(rest: Float64Array, given: Float64Array, loss: Loss | None) -> tuple[float, Float64Array]:
     """Return the variance of a coordinate [m^2] and the weights of samples that leave `rest` (N, 2); (N,)."""
     squares = (rest * rest).sum(axis=1)
     if loss is None:
         return float(given @ squares) / (2 * float(given.sum())), given
     variance = float(np.median(squares)) / _MEDIAN
     sizes = given * squares / max(variance, 1e-300)
-    return variance, np.where(sizes > _GROSS_SIZE, 0.0, given * loss(sizes / _LOSS_SCALE)[0])
+    return variance, np.where(sizes > _GROSS_SIZE, 0.0, given * loss(sizes / _CIRCLE_LOSS_SCALE)[0])
 
 
 def _results(circle: Circle, gauge: str) -> Float64Array:
@@ -239,7 +242,7 @@ def _linearised(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Flo
     return np.stack((z, size - circle.radius), axis=-1), change
 
 
-def _start(p: Float64Array, triples: int = _TRIPLES) -> Circle:
+def _circle_of_samples(p: Float64Array, triples: int = _TRIPLES) -> Circle:
     """Return the circle through three samples that most samples agree with, of so many triples."""
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")
@@ -256,7 +259,7 @@ def _start(p: Float64Array, triples: int = _TRIPLES) -> Circle:
     bb, cc = (np.einsum("ni,ni->n", v, v)[:, None] for v in (ab, ac))
     centres = a + np.cross(normal, bb * ac - cc * ab) / (-2 * area**2)[:, None]
     axes, radii = normal / area[:, None], np.linalg.norm(a - centres, axis=1)
-    judges = p[:: -(-p.shape[0] // _MAX_JUDGED)]
+    judges = p[:: -(-p.shape[0] // _MAX_RANKING_SAMPLES)]
     off = judges[None] - centres[:, None]
     out = np.einsum("kni,ki->kn", off, axes)
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]

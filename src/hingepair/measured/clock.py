@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
 from hingepair.measured.likelihood import Loss, seen_from
-from hingepair.measured.relative_poses import RelativePoses, closed_form, relative_poses
+from hingepair.measured.relative_poses import RelativePoses, closed_form, compute_relative_poses
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
 from hingepair.measured.spline import FEWEST
@@ -111,7 +111,7 @@ class ClockedPoses:
     ) -> RelativePoses:
         own = self._samples
         S1 = own.S1[rows]
-        poses = relative_poses(own.R1[rows], S1, R2, S2, own.weights[rows])
+        poses = compute_relative_poses(own.R1[rows], S1, R2, S2, own.weights[rows])
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
         dQ = -np.asarray(skew(omega1)) @ poses.Q.T.reshape(-1, 3, 3)
         return poses._replace(

@@ -79,7 +79,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     own, known = np.where(seen[..., None], places, 0.0)[used], seen[used].astype(np.float64)
     cluster = given if given is not None else _first_cluster(own, known)
     _check_width(cluster)
-    R, S, off, cluster = _fitted(own, known, cluster, given is None)
+    R, S, off, cluster = _fit_poses_and_places(own, known, cluster, given is None)
     size = float(np.sqrt((cluster**2).sum() / cluster.shape[0]))
     rms = _rms(off, known)
     findings = _moved(own, known, cluster, off, size)
@@ -145,7 +145,7 @@ def _poses(
     return R, S, known * np.linalg.norm(off, axis=-1)
 
 
-def _fitted(
+def _fit_poses_and_places(
     places: Float64Array, known: Float64Array, cluster: Float64Array, refine: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """Return R, S, distances, and the places of the markers in the body, refined by turns with the poses."""
@@ -184,7 +184,7 @@ def _moved(
         if rows.sum() < 2:
             left.append(np.inf)
             continue
-        _, _, rest, _ = _fitted(places[rows], others[rows], cluster, True)
+        _, _, rest, _ = _fit_poses_and_places(places[rows], others[rows], cluster, True)
         free = 3 * others[rows].sum() - 6 * rows.sum() - 3 * (cluster.shape[0] - 1) + 6
         left.append(float(np.sqrt((rest**2).sum() / max(free, 1.0))))
     free = 3 * known.sum() - 6 * known.shape[0] - 3 * cluster.shape[0] + 6

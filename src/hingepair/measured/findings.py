@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge
 from hingepair.measured.likelihood import Judged, Noise, seen_from
-from hingepair.measured.relative_poses import RelativePoses, closed_form, relative_poses
+from hingepair.measured.relative_poses import RelativePoses, closed_form, compute_relative_poses
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import (
     matrix_to_quaternion,
@@ -22,13 +22,15 @@ from hingepair.rotations.matrices import (
 )
 
 _MAX_SCREENED = 2048  # samples that tell whether the bodies turn, and what other joint they have
-_MAX_JUDGED = 65536  # samples that findings are made of
+_MAX_FINDING_SAMPLES = 65536  # samples that findings are made of
 _MIN_TURNING = 0.05  # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes
 _MIN_AXIS_RATIO = 2.0  # of the turning about one axis to that about the next, where there is little of both
 _MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
 _OUTLIER_SIZE = 50.0  # of r^T C^-1 r, scaled so that its median is _MEDIAN_SIZE, from which a sample is an outlier
 _MEDIAN_SIZE = 4.35  # median of chi-squared with 5 degrees of freedom
-_ROUNDING = 1e-12  # residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains
+_RESIDUAL_ROUNDING = (
+    1e-12  # residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains
+)
 _MAX_TRIED = 400  # samples that causes are tried with
 _MAX_CAUSE_RATIO, _MAX_CAUSE_MISFIT = 0.2, 0.1
 """Misfit that a cause may leave, in parts of that without it, and at all [rad, parts of the bodies' distance]."""
@@ -85,11 +87,11 @@ def findings(
     std: dict[str, Float64Array],
 ) -> list[Finding]:
     """Return what the numbers of the fit do not say by themselves; `far` is what `outlying` returned."""
-    every = slice(None, None, -(-poses.samples // _MAX_JUDGED))
+    every = slice(None, None, -(-poses.samples // _MAX_FINDING_SAMPLES))
     seen = seen._replace(
         **{name: getattr(seen, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
     )
-    poses, far = poses.thinned(_MAX_JUDGED), far[every]
+    poses, far = poses.thinned(_MAX_FINDING_SAMPLES), far[every]
     turning = _turning(seen.psi, seen.weights / seen.weights.sum())
     reach = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
     outliers = _outliers(seen, poses, far)
@@ -108,7 +110,7 @@ def findings(
         found.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
     if not still:
         found.append(Finding("The steps of the fit did not come to rest.", False))
-    if seen.unresolved_lag and not _is_rounding(seen, poses, np.ones_like(far)):
+    if seen.unresolved_lag and not _residuals_are_rounding(seen, poses, np.ones_like(far)):
         text = (
             f"What is left of the samples is correlated over {seen.unresolved_lag} samples and more, too long beside "
             "the whole recording: the standard deviations are too small."
@@ -120,7 +122,7 @@ def findings(
 def outlying(seen: Judged, poses: RelativePoses) -> NDArray[np.bool_]:
     """Return which samples are outliers: far off beside the others, at random and by more than rounding; (N,)."""
     far = _relative_sizes(seen) > _OUTLIER_SIZE
-    if not far.any() or max(seen.alike) > _MAX_CORRELATION or _is_rounding(seen, poses, far):
+    if not far.any() or max(seen.alike) > _MAX_CORRELATION or _residuals_are_rounding(seen, poses, far):
         return np.zeros_like(far)
     return far
 
@@ -130,10 +132,10 @@ def _relative_sizes(seen: Judged) -> Float64Array:
     return seen.sizes / max(float(np.median(seen.sizes)), 1e-300) * _MEDIAN_SIZE
 
 
-def _is_rounding(seen: Judged, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
+def _residuals_are_rounding(seen: Judged, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
     """Return whether rounding explains what is left of some samples."""
     largest = max(np.abs(seen.gap[:, samples]).max() / poses.size, seen.tilt[samples].max())
-    return bool(largest < _ROUNDING)
+    return bool(largest < _RESIDUAL_ROUNDING)
 
 
 def _outliers(seen: Judged, poses: RelativePoses, far: NDArray[np.bool_]) -> list[Finding]:
@@ -266,7 +268,7 @@ class Poses(NamedTuple):
 
     def misfit(self) -> float:
         """Return how badly a hinge fits: the medians of the tilt, and of the gap in parts of the bodies' distance."""
-        poses = relative_poses(*self, np.ones(self.R1.shape[0]))
+        poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
         distance = _length(poses.p)
         _, seen = next(seen_from(poses, closed_form(poses)))
         tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))

@@ -55,7 +55,7 @@ class Hinge(NamedTuple):
         Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen.
         """
         u1, u2 = self.u1 + frame(self.n) @ step[4:7], self.u2 + frame(self.m) @ (step[7], step[8], 0.0)
-        return Hinge(turned(self.n, step[:2]), turned(self.m, step[2:4]), u1, u2)
+        return Hinge(tilt_axis(self.n, step[:2]), tilt_axis(self.m, step[2:4]), u1, u2)
 
 
 def sign_of(n: Float64Array) -> float:
@@ -77,7 +77,7 @@ def frame(axis: Float64Array) -> Float64Array:
     return np.array(((a, y * c - z * b, x), (b, z * a - x * c, y), (c, x * b - y * a, z)))
 
 
-def turned(axis: Float64Array, step: ArrayLike) -> Float64Array:
+def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
     """Return a unit vector after a step across it, in the axes of `frame`."""
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
@@ -128,7 +128,7 @@ def derivatives(hinge: Hinge, gauge: str) -> Float64Array:
     return np.concatenate(rows)
 
 
-def offset(hinge: Hinge, home: Float64Array) -> float:
+def home_angle(hinge: Hinge, home: Float64Array) -> float:
     """Return the angle [rad] about the axis from body 1's `frame` to that of body 2, at psi = 0."""
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

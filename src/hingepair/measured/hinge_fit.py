@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, hinge_misfit
 from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
-from hingepair.measured.hinge import GAUGES, Hinge, derivatives, home_of, offset
+from hingepair.measured.hinge import GAUGES, Hinge, derivatives, home_angle, home_of
 from hingepair.measured.likelihood import (
     LOSSES,
     MAX_FRAMED,
@@ -228,9 +228,9 @@ class HingeFit(Shown):
             "loss": self.loss,
             "gauge": self.gauge,
             **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
-            "std": {name: _finite(value.tolist()) for name, value in self.std.items()},
+            "std": {name: _finite_or_none(value.tolist()) for name, value in self.std.items()},
             **{
-                name: _finite(getattr(self, name))
+                name: _finite_or_none(getattr(self, name))
                 for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
             },
             "clock_offset": self.clock_offset,
@@ -345,8 +345,8 @@ def fit(
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
     good = ~far & (seen.weights >= _MIN_GOOD_WEIGHT * samples.weights[used])
-    zero = offset(hinge, home)
-    psi = _unwrapped(seen.psi - encoder_share(poses, noise, line) * seen.turn - zero, good)
+    zero = home_angle(hinge, home)
+    psi = _unwrap_angles(seen.psi - encoder_share(poses, noise, line) * seen.turn - zero, good)
     counted = psi[good] if good.any() else psi
     total = seen.weights.sum()
     gaps = np.sqrt((seen.gap * seen.gap).sum(axis=0))
@@ -398,7 +398,7 @@ def _fit_of_point(
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
     good = (fitted.outliers == 0) & (fitted.weights >= _MIN_GOOD_WEIGHT * poses.weights)
-    psi = _unwrapped(fitted.circle.angles(poses.p.T), good)
+    psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
     texts = [finding.text for finding in fitted.findings]
@@ -517,7 +517,7 @@ def _offset_deviation(poses: RelativePoses, seen: Judged, clock_offset: float | 
 
 def _encoder_line(line: Line, poses: RelativePoses, hinge: Hinge, seen: Judged, noise: Noise) -> EncoderFit:
     """Return what psi is by the reading of an encoder, with standard deviations."""
-    off = line.zero - offset(hinge, home_of(hinge))
+    off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
     by_hinge = _zero_by_hinge(poses, hinge)
     chosen = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
@@ -541,17 +541,17 @@ def _zero_by_hinge(poses: RelativePoses, hinge: Hinge) -> Float64Array:
     for step in _DIFFERENCE * np.eye(PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
-            turn = offset(moved, home_of(moved)) - offset(hinge, home_of(hinge))
+            turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(turned_frames(some, hinge, moved) - turn)
         changes.append((ends[0] - ends[1]) / (2 * _DIFFERENCE))
     return np.array(changes)
 
 
-def _finite(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     """Return a number for JSON, or a list of such; None in place of one that is not finite."""
     if isinstance(value, list):
-        return [_finite(one) for one in value]
+        return [_finite_or_none(one) for one in value]
     return value if np.isfinite(value) else None
 
 
@@ -562,7 +562,7 @@ def _spread(values: Float64Array, used: NDArray[np.bool_], missing: float = np.n
     return read_only(whole)
 
 
-def _unwrapped(psi: Float64Array, good: NDArray[np.bool_]) -> Float64Array:
+def _unwrap_angles(psi: Float64Array, good: NDArray[np.bool_]) -> Float64Array:
     """Return angles without jumps by 2 pi from good sample to good sample, the first of these in [-pi, pi].
 
     The other samples are as near to the last good one as whole turns allow.

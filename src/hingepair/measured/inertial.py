@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.hinge import frame, sign_of, turned
+from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
@@ -36,11 +36,11 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 
 _MAX_ROUGH = 400  # samples that starts are tried with
 _RANDOM_STARTS = 10
-_MAX_STEPS, _MAX_ROUGH_STEPS = 60, 12  # of a descent; of one that compares starts
+_MAX_DESCENT_STEPS, _MAX_ROUGH_STEPS = 60, 12  # of a descent; of one that compares starts
 _BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _KNOWN_BIAS = 1e-9  # standard deviation of a bias that is known to be 0
-_ROUNDING = 1e-13  # residuals, in parts of what is measured, that rounding explains
-_MAX_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
+_INERTIAL_ROUNDING = 1e-13  # residuals, in parts of what is measured, that rounding explains
+_MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
 _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the larger lever
 _MIN_LEVER = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_SCATTER = 0.3  # of the rates across the axis, in parts of all rates
@@ -147,10 +147,10 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     step = -(-w1.shape[0] // _MAX_ROUGH)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
-    axes, rest = _fitted(_across(thin1, thin2), _across(w1, w2), _turned, starts)
+    axes, rest = _fit_from_starts(_across(thin1, thin2), _across(w1, w2), _turned, starts)
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     sought, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and rest @ rest > (_ROUNDING * size) ** 2:
+    if bias > 0 and rest @ rest > (_INERTIAL_ROUNDING * size) ** 2:
         for _ in range(_BIAS_ROUNDS):
             prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
             sought, whole = _descended(_across(w1, w2, prior), _turned, sought)
@@ -171,7 +171,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if np.isfinite(s)
         else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
         for i, s in enumerate(std, start=1)
-        if s > _MAX_AXIS_STD
+        if s > _MAX_INERTIAL_AXIS_STD
     ]
     usual = size / np.sqrt(2 * w1.shape[0])
     if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > _MAX_CORRELATION:
@@ -370,9 +370,9 @@ def _point_and_biases(
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
     some = slice(None, None, -(-count // _MAX_ROUGH))
     thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, changes))
-    u, rest = _fitted(_felt(thin1, thin2, thin3), _felt(forces, rates, changes), np.add, starts)
+    u, rest = _fit_from_starts(_felt(thin1, thin2, thin3), _felt(forces, rates, changes), np.add, starts)
     sought, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if usual.any() and rest @ rest > _ROUNDING**2 * sum(float((force * force).sum()) for force in forces):
+    if usual.any() and rest @ rest > _INERTIAL_ROUNDING**2 * sum(float((force * force).sum()) for force in forces):
         for _ in range(_BIAS_ROUNDS):
             size = np.sqrt(rest @ rest / rest.size)
             prior = size / np.where(usual > 0, usual, _KNOWN_BIAS)
@@ -500,7 +500,7 @@ def _across(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = Non
 
 def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
     """Return both axes after a step across each, and the biases, where there are any, after a step of theirs."""
-    there = np.stack([turned(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
+    there = np.stack([tilt_axis(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
     return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
 
 
@@ -531,7 +531,7 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
     return np.asarray(W @ W + skew(alpha), dtype=np.float64)
 
 
-def _fitted(
+def _fit_from_starts(
     rough: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
     """Return the least squares solution from the best of some starts, and the residual of each sample.
@@ -543,7 +543,7 @@ def _fitted(
 
 
 def _descended(
-    linearise: Linearise, move: Move, start: Float64Array, steps: int = _MAX_STEPS
+    linearise: Linearise, move: Move, start: Float64Array, steps: int = _MAX_DESCENT_STEPS
 ) -> tuple[Float64Array, Float64Array]:
     """Return the least squares solution from a start (Levenberg and Marquardt), and the residual of each sample."""
     at, (rest, change) = start, linearise(start)

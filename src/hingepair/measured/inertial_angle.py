@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.hinge import Hinge, frame, home_of, offset
+from hingepair.measured.hinge import Hinge, frame, home_angle, home_of
 from hingepair.measured.inertial import acceleration_matrices, checked_recording
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, inverse_bands, smooth_columns
@@ -23,10 +23,10 @@ from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0,
 from hingepair.numeric.instants import checked_gaps, pieces
 from hingepair.numeric.unit_vectors import unit_axis
 
-_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
+_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
 _MIN_SEEN = 0.05  # of the largest vector across the axis, from which one shows a direction
 _MAX_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
-_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
+_DIRECTION_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
 _MAX_EXCESS = 3.0  # of the scatter of directions to that of their noise
 _MIN_NOISE = 1e-9  # [rad/s] of rates, [rad] of directions
 _CUT = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
@@ -118,11 +118,11 @@ def fit_angle(
     (turning, rate_noise), (pulling, _) = (_directions(*both) for both in zip(*seen, strict=True))
     angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
     starts = np.cumsum([piece.size for piece in where])[:-1]
-    found = _smoothed(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
+    found = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
     pull = float(np.sqrt(np.mean(seen[0][1][:, :2] ** 2) * 2))
     std = np.hypot(found.std, min(np.sqrt(2) * tilting / max(pull, 1e-300), np.pi) if tilting else 0.0)
     hinge = Hinge(axes[0], axes[1], levers[0], levers[1])
-    psi = found.psi - offset(hinge, home_of(hinge))
+    psi = found.psi - home_angle(hinge, home_of(hinge))
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
@@ -137,9 +137,9 @@ def fit_angle(
             "the axis or the point may be wrong."
         )
     return AngleFit(
-        psi=_whole(psi, used, time.size),
-        psid=_whole(rate - found.drift, used, time.size),
-        std=_whole(std, used, time.size),
+        psi=_scatter_used(psi, used, time.size),
+        psid=_scatter_used(rate - found.drift, used, time.size),
+        std=_scatter_used(std, used, time.size),
         drift=found.drift,
         drift_std=found.drift_std,
         noise=found.noise,
@@ -180,7 +180,7 @@ def _directions(first: Float64Array, second: Float64Array) -> tuple[tuple[Float6
     return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_NOISE**2)), noise
 
 
-def _smoothed(
+def _most_likely_angle(
     t: Float64Array,
     rate: Float64Array,
     rate_noise: float,
@@ -207,10 +207,10 @@ def _smoothed(
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(turned))), angles, precision)
     weights = precision
-    for _ in range(_ROUNDS):
+    for _ in range(_SMOOTHER_ROUNDS):
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
-        weights = precision / (1 + off**2 / _LOSS_SCALE)
+        weights = precision / (1 + off**2 / _DIRECTION_LOSS_SCALE)
         psi, _, _ = _solved(dt, turned, links, weights, near, bias)
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
@@ -269,7 +269,7 @@ def _solved(
     return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(own)))
 
 
-def _whole(values: Float64Array, used: NDArray[np.intp], count: int) -> Float64Array:
+def _scatter_used(values: Float64Array, used: NDArray[np.intp], count: int) -> Float64Array:
     """Return values of the samples used at their places among all samples, NaN elsewhere; (N,)."""
     whole = np.full(count, np.nan)
     whole[used] = values

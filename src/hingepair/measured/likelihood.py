@@ -38,8 +38,8 @@ _MIN_VARIANCE_SHARE = 1e-3  # of the variance of a gap that is taken for noise o
 _OFFSET_RATE = 5.0  # [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged
 _ROUNDING_OFFSET = 1e-12  # [s]
 _MEDIAN_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
-_BLOCK = 2048  # samples, that fit the caches
-_THIN = 16384  # samples that the first steps are taken with
+_RESIDUAL_BLOCK_SIZE = 2048  # samples, that fit the caches
+_MAX_FIRST_SAMPLES = 16384  # samples that the first steps are taken with
 _MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
 _MIN_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
 _MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of them [rad]
@@ -85,7 +85,7 @@ class Line(NamedTuple):
     slope: float  # [rad] in a unit of the reading
 
 
-class Residuals(NamedTuple):
+class SampleResiduals(NamedTuple):
     """What the constraints E1 and E2 leave of some samples, in axes along the hinge."""
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -220,11 +220,11 @@ def most_likely(
         offset: clock offset that the steps begin with [s].
     """
     at = at or (lambda _, most: poses.thinned(most))
-    some = at(offset, _THIN)
+    some = at(offset, _MAX_FIRST_SAMPLES)
     hinge, line = start, line_from(some, start)
-    noise = _noise(some, hinge, None, loss, line)
+    noise = _noise_variances(some, hinge, None, loss, line)
     still = False
-    for most in (_THIN, poses.samples) if poses.samples > _THIN else (poses.samples,):
+    for most in (_MAX_FIRST_SAMPLES, poses.samples) if poses.samples > _MAX_FIRST_SAMPLES else (poses.samples,):
         some = at(offset, most)
         for _ in range(_MAX_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
@@ -240,7 +240,7 @@ def most_likely(
             if some.rates is not None:
                 offset += float(step[PARAMETERS])
                 some = at(offset, most)
-            noise = _noise(some.thinned(_THIN), hinge, noise, loss, line)
+            noise = _noise_variances(some.thinned(_MAX_FIRST_SAMPLES), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
             quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
@@ -406,7 +406,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
         left.append(weights[own] * rows[-1])
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
-    alike = _alike(rest[:2], 1), _alike(rest[2:5], 1)
+    alike = _lag_correlation(rest[:2], 1), _lag_correlation(rest[2:5], 1)
     together, unresolved_lag = summed_neighbours(whole)
     added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
@@ -417,7 +417,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
     return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
 
 
-def _alike(rows: Float64Array, lag: int) -> float:
+def _lag_correlation(rows: Float64Array, lag: int) -> float:
     """Return the correlation of numbers with those `lag` samples later, of the row where it is largest."""
     power = (rows * rows).sum(axis=1)
     known = power > 0
@@ -436,20 +436,22 @@ def summed_neighbours(scores: Float64Array) -> tuple[int, int]:
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _MIN_SUMS <= count and _alike(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
         lag *= 2
     together = 1 if lag == 1 else min(4 * lag, count // _MIN_SUMS)
-    unresolved = 4 * lag * _MIN_SUMS > count and _alike(scores, lag) > uncorrelated
+    unresolved = 4 * lag * _MIN_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
     return together, lag if unresolved else 0
 
 
-def seen_from(poses: RelativePoses, hinge: Hinge, line: Line | None = None) -> Iterator[tuple[slice, Residuals]]:
+def seen_from(
+    poses: RelativePoses, hinge: Hinge, line: Line | None = None
+) -> Iterator[tuple[slice, SampleResiduals]]:
     """Compute what the constraints leave of the samples, and the encoder where its line is given, block by block."""
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
-    for start in range(0, poses.samples, _BLOCK):
-        own = slice(start, min(start + _BLOCK, poses.samples))
+    for start in range(0, poses.samples, _RESIDUAL_BLOCK_SIZE):
+        own = slice(start, min(start + _RESIDUAL_BLOCK_SIZE, poses.samples))
         q, p = turned @ poses.Q[:, own], first.T @ poses.p[:, own]
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
         told = None if poses.told is None else poses.told[:, own]
@@ -461,7 +463,7 @@ def seen_from(poses: RelativePoses, hinge: Hinge, line: Line | None = None) -> I
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
-        seen = Residuals(q, p, arms, tilt, gap, told=told)
+        seen = SampleResiduals(q, p, arms, tilt, gap, told=told)
         if poses.rates is not None:
             dq, dp = turned @ poses.rates[:9, own], first.T @ poses.rates[9:, own]
             delayed = np.empty((6, q.shape[1]))
@@ -503,7 +505,7 @@ def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
     return np.asarray(rows @ rows.T)
 
 
-def _noise(
+def _noise_variances(
     poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None, line: Line | None = None
 ) -> Noise:
     """Return variances that are most likely, or by medians where there may be outliers; rounding at least.

@@ -17,10 +17,10 @@ from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
-_BLOCK = 4096
-_PAIRS = 200  # of samples, each of which gives a hinge
-_MAX_JUDGED = 300  # samples that tell which of these hinges is best
-_MIN_TURN = 0.017  # [rad] between the samples of a pair
+_POSE_BLOCK_SIZE = 4096
+_SAMPLE_PAIR_COUNT = 200  # of samples, each of which gives a hinge
+_MAX_RANKING_SAMPLES = 300  # samples that tell which of these hinges is best
+_MIN_PAIR_TURN = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
@@ -50,14 +50,14 @@ class RelativePoses(NamedTuple):
         return RelativePoses(np.asarray(Q), np.asarray(p), np.asarray(weights), self.size, *others)
 
 
-def relative_poses(
+def compute_relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
     """Return the relative poses of two bodies in the world; R (N, 3) and S (N, 3, 3) are finite."""
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
-    for start in range(0, count, _BLOCK):
-        own = slice(start, start + _BLOCK)
+    for start in range(0, count, _POSE_BLOCK_SIZE):
+        own = slice(start, start + _POSE_BLOCK_SIZE)
         first, second = (S[own].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
         place1, place2 = (R[own].T.astype(np.float64, order="C") for R in (R1, R2))
         size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
@@ -89,8 +89,8 @@ def closed_form_of_most(poses: RelativePoses) -> Hinge:
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
-    judges = poses.thinned(_MAX_JUDGED)
-    first, second = np.random.default_rng(0).choice(poses.samples, (2, _PAIRS))
+    judges = poses.thinned(_MAX_RANKING_SAMPLES)
+    first, second = np.random.default_rng(0).choice(poses.samples, (2, _SAMPLE_PAIR_COUNT))
     n, m, u1, u2 = (
         np.concatenate(own)[:, :, None]
         for own in zip([each[None] for each in closed_form(poses)], _screws(poses, first, second), strict=True)
@@ -112,7 +112,7 @@ def _screws(
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
     turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    kept = angle > _MIN_TURN
+    kept = angle > _MIN_PAIR_TURN
     Q, angle = Q[kept], angle[kept]
     n = turn[kept] / angle[:, None]
     p = poses.p.T[first[kept]]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.likelihood import Noise
-from hingepair.measured.relative_poses import RelativePoses, relative_poses
+from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
@@ -38,7 +38,7 @@ class Samples(NamedTuple):
         """Return the relative poses of some of the samples, at equal stamps."""
         rows = slice(None) if used.all() else used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
-        poses = relative_poses(R1, S1, R2, S2, self.weights[rows])
+        poses = compute_relative_poses(R1, S1, R2, S2, self.weights[rows])
         return poses._replace(
             told=None if self.told is None else self.told[:, rows],
             encoder=None if self.encoder is None else self.encoder[rows],

@@ -34,11 +34,11 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
+_ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
 _ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
-_LETTERS = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_DERIVATIVE_NAMES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
 _MAX_LEFT = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
-_ROUNDING = 1e-11  # noise, in parts of the largest sample, that is rounding
+_NOISE_ROUNDING = 1e-11  # noise, in parts of the largest sample, that is rounding
 _MAX_NOISE_SHARE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
 
@@ -67,8 +67,8 @@ class SmoothedMotion(BodyMotion):
         BodyMotion.__init__(self, **arrays)
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
-        for names, letter in ((_LETTERS["R"], "R"), (_LETTERS["S"], "S")):
-            noise |= _named(names, parts[letter])
+        for names, letter in ((_DERIVATIVE_NAMES["R"], "R"), (_DERIVATIVE_NAMES["S"], "S")):
+            noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
                 std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
         object.__setattr__(self, "noise", noise)
@@ -190,9 +190,9 @@ def _smooth_body(
     sentences: list[str] = []
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
-        if not _is_rounding(samples, parts[letter]):
+        if not _noise_is_rounding(samples, parts[letter]):
             sentences += _suspicions(f"body.{letter}", samples, parts[letter], loss)
-            rates += _LETTERS[letter][1:]
+            rates += _DERIVATIVE_NAMES[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
 
@@ -209,7 +209,7 @@ def smoothed_arrays(
     where = _pieces("body.R", t, R, gaps)
     origin = R[where[0][0]]
     places = smooth_columns(t, R - origin, where, bandwidth, loss)
-    arrays = dict(zip(_LETTERS["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
+    arrays = dict(zip(_DERIVATIVE_NAMES["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
     turns, attitudes = _smooth_attitudes(t, S, _pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
     return arrays | turns, {"R": places, "S": attitudes}
 
@@ -225,7 +225,7 @@ def _smooth_attitudes(
     """Return smooth attitudes with omega and alpha, and how sure they are."""
     whole = [slice(piece[0], piece[-1] + 1) for piece in where]
     base = interpolated(t, S, t, gaps, rotations=True)
-    for _ in range(_ROUNDS):
+    for _ in range(_ATTITUDE_ROUNDS):
         flat, frames = _rolled_out(base, whole)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
         found = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), where, bandwidth, loss)
@@ -268,8 +268,8 @@ def _smooth_angle(
     found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth, loss)
     names = ("psi", "psid", "psidd")
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
-    noise = _named(names, found)
-    if not _is_rounding(psi, found):
+    noise = _noise_by_name(names, found)
+    if not _noise_is_rounding(psi, found):
         sentences = [*_suspicions("body", psi, found, loss), *_noise_suspicions(names[1:], arrays, noise)]
         warn_of_measurements(sentences, stacklevel=4)
     return SmoothedAngle(
@@ -291,14 +291,14 @@ def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> li
     return found
 
 
-def _named(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
+def _noise_by_name(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
     """Return the noise of the samples, and what it leaves in both derivatives, by name."""
     return dict(zip(names, (found.noise, *found.errors[1:].tolist()), strict=True))
 
 
-def _is_rounding(samples: Float64Array, found: Smoothed) -> bool:
+def _noise_is_rounding(samples: Float64Array, found: Smoothed) -> bool:
     """Return whether the noise of samples is no more than their rounding, so that there is nothing to say of it."""
-    return bool(found.noise <= _ROUNDING * float(np.nanmax(np.abs(samples))))
+    return bool(found.noise <= _NOISE_ROUNDING * float(np.nanmax(np.abs(samples))))
 
 
 def _suspicions(name: str, samples: Float64Array, found: Smoothed, loss: Loss | None) -> list[str]:

@@ -54,7 +54,7 @@ _TAPERED_SHARE = 0.5  # of the terms of a tapered spectrum that are independent
 _MAX_WINSORISED_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
 _MAX_CORRELATED_STEP = 1.5  # of the usual step, over which neighbours' noise is correlated
 _REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
-_GROSS_SIZE = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
+_ZERO_WEIGHT_SIZE = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
 _LOSS_SCALES = {1: 3.84, 3: 7.81}  # squares, in variances, at which losses bend: 95 % of good samples are below
 _MEDIANS = {1: 0.4549, 3: 2.3660}  # of chi-squared, by degrees of freedom
 _LEAST_WEIGHT = 1e-6  # of a sample that is far off
@@ -128,7 +128,7 @@ def smooth_columns(
         else:
             variance = float(np.median(squares)) / _MEDIANS[k] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
-            weights = np.where(sizes > _GROSS_SIZE, 0.0, loss(sizes / _LOSS_SCALES[k])[0])
+            weights = np.where(sizes > _ZERO_WEIGHT_SIZE, 0.0, loss(sizes / _LOSS_SCALES[k])[0])
             weights = np.maximum(weights, _LEAST_WEIGHT)
     white = spline.whitened(rest)
     values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
@@ -146,7 +146,9 @@ def smooth_columns(
         correlation=model.correlation,
         left=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
         limited=model.limited,
-        outlying=float(np.mean(squares > _GROSS_SIZE / 2 * max(float(np.median(squares)) / _MEDIANS[k], 1e-300))),
+        outlying=float(
+            np.mean(squares > _ZERO_WEIGHT_SIZE / 2 * max(float(np.median(squares)) / _MEDIANS[k], 1e-300))
+        ),
     )
 
 

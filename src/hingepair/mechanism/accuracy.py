@@ -15,7 +15,7 @@ from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, kind_of
-from hingepair.plans.trees import compute
+from hingepair.plans.trees import compute_request
 
 _FRAME_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha")  # which have a bound for each frame
 
@@ -35,7 +35,7 @@ def error_bounds(
         known = {name: tuple(kind.rounded(c) for c in group) for name, group in numbers.items()}
         pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
         known["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
-        results = compute(form, request, known)
+        results = compute_request(form, request, known)
         return {
             name: _largest_bounds(results[name], frames if name in _FRAME_OUTPUTS else 0) for name in request.outputs
         }

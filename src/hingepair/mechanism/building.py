@@ -22,7 +22,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.rigid import Inertia, Pose
+from hingepair.urdf.rigid import FramePose, Inertia
 
 BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 
@@ -105,13 +105,13 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     masses = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
-    payload = body_inertia(body).placed(Pose(frame.S, frame.R))
+    payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
     total = mass_properties({"body": Inertia(masses.mass, masses.center_of_mass, masses.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
     shapes, complete = drawings[frame.body]
-    drawings[frame.body] = BodyDrawing((*shapes, *placed_shapes(body.shapes, Pose(frame.S, frame.R))), complete)
+    drawings[frame.body] = BodyDrawing((*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), complete)
     tree = replace(tree, notes=notes, drawings=tuple(drawings))
     if frame.body == 0:
         return replace(tree, base=total)
@@ -132,6 +132,6 @@ def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | 
         raise ArgumentError("name", "a name that no link, joint or frame has", quoted(name))
     turn = one_constant("S", np.eye(3) if S is None else S, 3, 3)
     check_rotation("S", turn)
-    pose = Pose(frame.S, frame.R).placed(Pose(turn, one_constant("R", R, 3)))
+    pose = FramePose(frame.S, frame.R).placed(FramePose(turn, one_constant("R", R, 3)))
     added = Frame(frame.body, read_only(pose.origin), read_only(pose.rotation))
     return replace(tree, frames={**tree.frames, name: added})

@@ -20,8 +20,8 @@ from hingepair.mechanism.arguments import BASE_AT_REST, BASE_ATTRIBUTES, ZERO_BA
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.plans.trees import Form, Request, inputs_of, loop_of
-from hingepair.rotations.matrices import TOLERANCE, check_rotation
+from hingepair.plans.trees import Form, Request, inputs_of, request_loop
+from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
 
 MASSLESS_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
@@ -30,7 +30,7 @@ MASSLESS_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acce
 # Shapes of one sample of the inputs that describe the base.
 _BASE_SHAPES: Final = {**dict.fromkeys(BASE_ATTRIBUTES, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
 # Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
-_ATTITUDE_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
+_ATTITUDE_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
 _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
 
@@ -86,7 +86,7 @@ class RobotComputation:
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
             check = {"attitude_check": _ATTITUDE_LIMITS} if checked and "S1" in given else {}
-            loop = loop_of(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
+            loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {**BASE_AT_REST, **ZERO_BASE_LOADS, "gravity": gravity, "constants": self.parameters}
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in given}
             shapes = {name: _BASE_SHAPES.get(name, (self.form.dof,)) for name in given}
@@ -125,7 +125,7 @@ class RobotComputation:
         Args:
             given: arguments by input name, of which numbers are known; arrays of samples unless given.
         """
-        loop = loop_of(self.form, self.request)
+        loop = request_loop(self.form, self.request)
         many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         full = loop.program(bind(loop.inputs, many).pattern)
         known = {

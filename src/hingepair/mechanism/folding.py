@@ -22,7 +22,7 @@ from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
-from hingepair.urdf.rigid import HERE, Inertia, Pose, combined
+from hingepair.urdf.rigid import HERE, FramePose, Inertia, combined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +51,11 @@ class JointPart:
     name: str
     kind: Literal["hinge", "slider", "fixed"]
     parent: int
-    pose: Pose = HERE
+    pose: FramePose = HERE
     axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
-    links: Mapping[str, Pose] = field(default_factory=dict)
+    links: Mapping[str, FramePose] = field(default_factory=dict)
     leaves: Sequence[str] = ()
-    frames: Mapping[str, Pose] = field(default_factory=dict)
+    frames: Mapping[str, FramePose] = field(default_factory=dict)
     inertias: Mapping[str, Inertia] = field(default_factory=dict)
     shapes: tuple[Shape, ...] | None = ()
     limits: tuple[float, float] | None = None
@@ -159,9 +159,9 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], numbers: Mapping[str, int]
-) -> list[tuple[int, Pose]]:
+) -> list[tuple[int, FramePose]]:
     """Return for each part the number of its body, and its pose in that body."""
-    body_poses: list[tuple[int, Pose]] = []
+    body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
         rule = rules[part.name]
         if isinstance(rule, float):
@@ -172,21 +172,21 @@ def _body_poses(
     return body_poses
 
 
-def _displacement(part: JointPart, position: float) -> Pose:
+def _displacement(part: JointPart, position: float) -> FramePose:
     """Return the pose of a body whose joint is at a position [rad or m], in its axes at position 0."""
     if position == 0 or part.kind == "fixed":
         return HERE
     if part.kind == "slider":
-        return Pose(np.eye(3), part.axis * position)
+        return FramePose(np.eye(3), part.axis * position)
     sine, cosine = sine_and_cosine(position)
     turn = hinge_rotation(tuple(part.axis.tolist()), (sine, versine(sine, cosine)))
-    return Pose(np.array(turn).reshape(3, 3), np.zeros(3))
+    return FramePose(np.array(turn).reshape(3, 3), np.zeros(3))
 
 
 def _tree_joint(
     part: JointPart,
     parent: int,
-    pose: Pose,
+    pose: FramePose,
     masses: MassProperties,
     numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
@@ -211,7 +211,7 @@ def _tree_joint(
 
 
 def _frames_by_name(
-    parts: Sequence[JointPart], body_poses: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
+    parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
     """Return the frames of links, and further frames: those of folded joints and those of parts."""
     links: dict[str, Frame] = {}
@@ -230,7 +230,7 @@ def _frames_by_name(
     return links, frames
 
 
-def _frame_in_body(what: str, body: int, pose: Pose) -> Frame:
+def _frame_in_body(what: str, body: int, pose: FramePose) -> Frame:
     """Return the frame of a pose in a body; refuse numbers that have overflowed."""
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(what, "a position that does not overflow", "numbers that overflow")

@@ -14,7 +14,7 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.urdf.records import Mimic
-from hingepair.urdf.rigid import HERE, Inertia, Pose
+from hingepair.urdf.rigid import HERE, FramePose, Inertia
 
 _AXIS_LETTERS = ("X", "Y", "Z")  # in the names of Pinocchio's joint types
 # Names of the joint types that are hinges.
@@ -97,7 +97,7 @@ def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: d
 
 
 def _part_of_joint(
-    model: Any, joint: Any, name: str, number: int, parent: int, pose: Pose, idx_q: int, idx_v: int, content: Any
+    model: Any, joint: Any, name: str, number: int, parent: int, pose: FramePose, idx_q: int, idx_v: int, content: Any
 ) -> JointPart:
     """Return the part of one joint, whose coordinates begin at idx_q in q and idx_v in v."""
     kind = joint.shortname()
@@ -161,8 +161,8 @@ class _BodyContents:
 
     def __init__(self, model: Any, root: int) -> None:
         self._model, self._root = model, root
-        self._links: dict[int, dict[str, Pose]] = {}
-        self._frames: dict[int, dict[str, Pose]] = {}
+        self._links: dict[int, dict[str, FramePose]] = {}
+        self._frames: dict[int, dict[str, FramePose]] = {}
         bodies = {i for i, frame in enumerate(model.frames) if frame.type.name == "BODY"}
         carrying = set()
         for i, frame in enumerate(model.frames):
@@ -190,11 +190,11 @@ class _BodyContents:
         return {"links": links, "leaves": leaves, "frames": frames, "inertias": {next(iter(links)): inertia}}
 
 
-def _convert_placement(placement: Any) -> Pose:
+def _convert_placement(placement: Any) -> FramePose:
     """Convert a placement; a rotation within rounding of a quarter turn becomes that turn exactly."""
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)
-    return Pose(
+    return FramePose(
         near if np.abs(rotation - near).max() <= _QUARTER_TURN_TOLERANCE else rotation,
         np.array(placement.translation),
     )

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.urdf.records import SIZES, Link, Visual
-from hingepair.urdf.rigid import Pose
+from hingepair.urdf.records import SIZES, LinkRecord, Visual
+from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
@@ -23,7 +23,7 @@ class BodyDrawing(NamedTuple):
     complete: bool = False
 
 
-def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, Pose]]) -> BodyDrawing:
+def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
     """Return the drawing of a body from the shapes and poses of its parts (None: a part drawn by meshes)."""
     placed: list[Shape] = []
     for shapes, pose in parts:
@@ -36,7 +36,7 @@ def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, Pose]]) -> Body
     return BodyDrawing(tuple(placed), bool(placed))
 
 
-def link_shapes(link: Link, *tags: str) -> tuple[Shape, ...] | None:
+def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     """Return the shapes of a link in its own axes; None where it is drawn by others, such as meshes.
 
     Args:
@@ -55,7 +55,7 @@ def link_shapes(link: Link, *tags: str) -> tuple[Shape, ...] | None:
     return None if drawn else ()
 
 
-def placed_shapes(shapes: Iterable[Shape], pose: Pose) -> list[Shape]:
+def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
     """Return shapes transformed by the pose of the frame in which they are given."""
     placed: list[Shape] = []
     for shape in shapes:

@@ -17,7 +17,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
-from hingepair.urdf.rigid import HERE, Inertia, Pose
+from hingepair.urdf.rigid import HERE, FramePose, Inertia
 
 PartKind = Literal["hinge", "slider", "fixed"]
 # Kinds of parts, by the type of a URDF joint.
@@ -104,7 +104,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
             ("body1", other) for other, parent in zip(checked, parent_numbers, strict=True) if parent == number
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
-    seats = [HERE, *(Pose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
+    seats = [HERE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
     parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, leaf=False))]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         leaf = number not in parent_numbers
@@ -114,7 +114,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
                 pair.name,
                 "hinge" if isinstance(pair, HingePair) else "slider",
                 parent,
-                seats[parent].placed(Pose(home, pair.u1)),
+                seats[parent].placed(FramePose(home, pair.u1)),
                 unit_axis("n", home.T @ pair.n),
                 **_body_content(pair.name, bodies[number], seats[number], leaf),
                 limits=pair.limits,
@@ -215,7 +215,7 @@ def _same_body(one: Body, other: Body) -> bool:
     )
 
 
-def _body_content(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any]:
+def _body_content(name: str, body: Body | None, seat: FramePose, leaf: bool) -> dict[str, Any]:
     """Return the arguments of `JointPart` that describe a body; `seat` is the pose of its frame in the part's."""
     content: dict[str, Any] = {"links": {name: seat}, "leaves": (name,) if leaf else ()}
     if body is None:

@@ -49,13 +49,13 @@ def tabulate(
     what depends on such alone costs nothing per sample, and a single sample costs no array at all.
     """
     out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
-    targets = {name: _flat(array, len(shape)) for name, array in out.items()}
-    values = {name: _each(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
+    targets = {name: _output_components(array, len(shape)) for name, array in out.items()}
+    values = {name: _map_components(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
     moving = {name: group for name, group in values.items() if _holds_array(group)}
     with np.errstate(all="ignore"):
         for block in split(shape, BLOCK) if moving else [()]:
             part = functools.partial(load, block=block, dtype=dtype)
-            loaded = {name: _each(group, part) for name, group in moving.items()}
+            loaded = {name: _map_components(group, part) for name, group in moving.items()}
             _store(function({**values, **loaded}), targets, block)
     return out
 
@@ -126,7 +126,7 @@ def _own(x: Component, function: str) -> Component:
     return array_libraries.apply(function, x) if method is None else method()
 
 
-def _each(group: Any, change: Callable[[Component], Component]) -> Any:
+def _map_components(group: Any, change: Callable[[Component], Component]) -> Any:
     return tuple(map(change, group)) if isinstance(group, tuple) else change(group)
 
 
@@ -143,7 +143,7 @@ def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
     return float(component) if dtype == np.float64 else dtype.type(component)
 
 
-def _flat(array: NDArray[Any], sample_axes: int) -> Any:
+def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
     """Return an output array in the form that equations return: the array, or a tuple of views of its components."""
     rank = array.ndim - sample_axes
     return components_of(array, rank) if rank else array

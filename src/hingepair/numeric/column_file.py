@@ -24,7 +24,7 @@ from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.numeric.arrays import real_array
 
 MAX_ROWS: Final = 10_000_000  # samples of a file that is read
-MAX_BYTES: Final = 2_000_000_000  # size of a file that is read
+MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
 _MAX_LINE: Final = 100_000  # characters of the heading of a .csv
 _MAX_EXACT_FLOAT: Final = 1e14  # larger numbers of an exact column are integers: nanoseconds, which a float rounds
 _MAX_HEADER: Final = 10_000  # bytes of the heading of an array in a .npz
@@ -69,8 +69,8 @@ def read_columns(path: Path, wanted: Wanted) -> Columns:
         raise ArgumentError("", expected, "no such file")
     try:
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ArgumentError("", f"at most {MAX_BYTES} bytes", size)
+        if size > MAX_FILE_BYTES:
+            raise ArgumentError("", f"at most {MAX_FILE_BYTES} bytes", size)
         columns = read(path, wanted)
     except ArgumentError:
         raise

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, broadcast_shape, real_array
 
-Found = TypeVar("Found")
+Returned = TypeVar("Returned")
 Tail: TypeAlias = tuple[int, ...]
 Tails: TypeAlias = Mapping[str, Any]
 """Shape of one sample by argument; of an argument with attributes, a mapping of theirs."""
@@ -92,11 +92,11 @@ class _Leaf(NamedTuple):
 
 
 def over_chunks(
-    method: Callable[..., Found],
+    method: Callable[..., Returned],
     arguments: Mapping[str, Any],
     tails: Tails,
     columns: Callable[[str, Any], Sequence[str]] | None = None,
-) -> Found:
+) -> Returned:
     """Return what a method gives for Dask arrays: its kind of result, of Dask arrays. Nothing is computed.
 
     The method runs on one made-up sample, which shows what it returns and refuses what it cannot use, and then in
@@ -127,12 +127,12 @@ def over_chunks(
         broadcast_shape({leaf.name: leaf.array.shape[: leaf.lead] for leaf in leaves})
     probe_options = options | ({"backend": "auto"} if "backend" in options else {})
     probe = method(**_filled(skeleton, [_made_up(leaf) for leaf in leaves]), **probe_options)
-    parts = _parts(probe)
+    parts = _result_arrays(probe)
     lazy = {name: part for name, part in parts.items() if np.shape(part)[:axes] == (1,) * axes}
     task = ChunkTask(method, skeleton, options, tuple(lazy))
     arrays = _lazy_arrays(task, leaves, axes, lazy)
     shape = next(iter(arrays.values())).shape[:axes] if arrays else ()
-    found: Found = _rebuilt(probe, parts | arrays, shape)
+    found: Returned = _rebuilt(probe, parts | arrays, shape)
     return found
 
 
@@ -154,18 +154,18 @@ def _skeleton(
             raise ArgumentError(name, "a Dask array, since a table has no meaning here", quoted(type(value).__name__))
         value = value[list(columns(name, value._meta))].to_dask_array()
     if _is_array(value):
-        array = _checked(name, value, tail)
+        array = _check_dask_array(name, value, tail)
     elif value is None or isinstance(value, str | bool | int | float) or np.ndim(value) <= len(tail):
         return value
     else:
         import dask.array
 
-        array = _checked(name, dask.array.from_array(real_array(name, value)), tail)
+        array = _check_dask_array(name, dask.array.from_array(real_array(name, value)), tail)
     leaves.append(_Leaf(name, array, tail))
     return _Place(len(leaves) - 1)
 
 
-def _checked(name: str, array: Any, tail: Tail) -> Any:
+def _check_dask_array(name: str, array: Any, tail: Tail) -> Any:
     """Return a Dask array whose samples are of one chunk; refuse another shape or type of number."""
     lead = array.ndim - len(tail)
     if lead < 0 or tuple(array.shape[lead:]) != tail:
@@ -196,7 +196,7 @@ def _filled(skeleton: Any, arrays: Sequence[NDArray[Any]]) -> Any:
     return skeleton
 
 
-def _parts(result: Any) -> dict[str, Any]:
+def _result_arrays(result: Any) -> dict[str, Any]:
     """Return the arrays of a result by name; of one array, itself."""
     if hasattr(result, "arrays"):
         found: dict[str, Any] = result.arrays()
@@ -248,13 +248,13 @@ class ChunkTask:
     def __call__(self, block: tuple[int, ...], *blocks: Any) -> Any:
         """Return the arrays of one chunk: a tuple, or the only one."""
         try:
-            result = self.method(**_filled(self.skeleton, [_unwrapped(own) for own in blocks]), **self.options)
+            result = self.method(**_filled(self.skeleton, [_only_array(own) for own in blocks]), **self.options)
         except ArgumentError as error:
             raise type(error)(f"chunk {block}: {error.name}", error.expected, error.got) from None
         except Exception as error:
             error.add_note(f"in chunk {block}")
             raise
-        parts = _parts(result)
+        parts = _result_arrays(result)
         arrays = tuple(np.asarray(parts[name]) for name in self.names)
         return arrays if len(arrays) > 1 else arrays[0]
 
@@ -265,7 +265,7 @@ def loaded_task(pickled: bytes) -> ChunkTask:
     return ChunkTask(*pickle.loads(pickled))
 
 
-def _unwrapped(block: Any) -> NDArray[Any]:
+def _only_array(block: Any) -> NDArray[Any]:
     """Return the only array in nested lists, as Dask gives what has axes that the results lack."""
     while isinstance(block, list):
         (block,) = block
@@ -296,11 +296,11 @@ def _lazy_arrays(task: ChunkTask, leaves: Sequence[_Leaf], axes: int, samples: M
         shape: dict[str, Any] = {"new_axes": dict(zip(behind, tail, strict=True)), "dtype": sample.dtype}
         shape["meta"] = np.empty((0,) * (axes + len(tail)), sample.dtype)
         if len(samples) > 1:
-            found[name] = blockwise(_part, (*lead, *behind), packed, lead, place, None, **shape, **how)
+            found[name] = blockwise(_take_array, (*lead, *behind), packed, lead, place, None, **shape, **how)
         else:
             found[name] = blockwise(task, (*lead, *behind), *inputs, **shape, **how)
     return found
 
 
-def _part(arrays: tuple[NDArray[Any], ...], place: int) -> NDArray[Any]:
+def _take_array(arrays: tuple[NDArray[Any], ...], place: int) -> NDArray[Any]:
     return arrays[place]

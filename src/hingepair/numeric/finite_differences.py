@@ -63,12 +63,12 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
     for start in range(half, t.size - half, _BLOCK_SIZE):
         rows = slice(start, min(start + _BLOCK_SIZE, t.size - half))
         lowest = np.arange(rows.start, rows.stop) - half
-        yield _weighted(t, rows, lowest[:, None] + np.arange(order + 1), order)
+        yield _stencil_weights(t, rows, lowest[:, None] + np.arange(order + 1), order)
     for rows, first in ((slice(0, half), 0), (slice(t.size - half, t.size), t.size - wide)):
-        yield _weighted(t, rows, np.broadcast_to(first + np.arange(wide), (half, wide)), order)
+        yield _stencil_weights(t, rows, np.broadcast_to(first + np.arange(wide), (half, wide)), order)
 
 
-def _weighted(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencil:
+def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencil:
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step

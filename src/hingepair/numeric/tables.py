@@ -97,14 +97,14 @@ def json_text(report: Any) -> str:
     """
     import json
 
-    return json.dumps(_finite(report), indent=2, allow_nan=False)
+    return json.dumps(_finite_or_none(report), indent=2, allow_nan=False)
 
 
-def _finite(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: _finite_or_none(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [_finite_or_none(item) for item in value]
     return finite_or_none(value) if isinstance(value, float) else value
 
 

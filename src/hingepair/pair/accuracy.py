@@ -146,7 +146,7 @@ def output_scales(
     for name in ("R1", "V1", "a1"):
         linear[name] = None if linear[name] is None else largest(linear[name])
     turning = {"W1": W1, "A1": A1, "W": psid, "A": psidd}
-    sizes = linear | {name: None if value is None else _size(value) for name, value in turning.items()}
+    sizes = linear | {name: None if value is None else _largest_size(value) for name, value in turning.items()}
     with np.errstate(over="ignore", invalid="ignore"):
         found = _formulas(**sizes, pinocchio=pinocchio)
     return {name: np.asarray(found[name]) for name in PROMISES if found[name] is not None}
@@ -223,7 +223,7 @@ def largest(vector: ArrayLike) -> Float64Array:
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 
-def _size(value: ArrayLike) -> Float64Array:
+def _largest_size(value: ArrayLike) -> Float64Array:
     return np.asarray(np.abs(np.asarray(value, dtype=np.float64)))
 
 
@@ -260,7 +260,9 @@ def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapp
     made_of = {name: parts for name, parts in _LEVERS_OF_CONSTANTS.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        bounded = {name: _known(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()}
+        bounded = {
+            name: _bounded_inputs(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()
+        }
         plan.run(bounded)
         return {name: _largest(bounded[name]) for name in plan.outputs}
 
@@ -283,7 +285,7 @@ def _components(group: Any, tail: tuple[int, ...]) -> Any:
     return components_of(group, len(tail))
 
 
-def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:
+def _bounded_inputs(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:
     """Return the inputs of a plan as bounded numbers: exact, or rounded from what they were computed of."""
     if not isinstance(group, tuple):
         return kind.rounded(group)

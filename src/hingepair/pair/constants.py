@@ -63,7 +63,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
         values["home"] = numbers(rotation, 2)
     values |= _axis_and_levers(values, numbers(axis))
     computed = {
-        name: read_only(_side_by_side(values[name])) for name in ("n", "lever_fixed", "lever_cos", "lever_sin")
+        name: read_only(_stack_components(values[name])) for name in ("n", "lever_fixed", "lever_cos", "lever_sin")
     }
     arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9)}
     return Constants(values, arrays, shape, axis)
@@ -95,7 +95,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     return {"n": tuple(c.high for c in n), **levers}
 
 
-def _side_by_side(components: Components) -> NDArray[np.float64]:
+def _stack_components(components: Components) -> NDArray[np.float64]:
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
@@ -113,13 +113,13 @@ def with_hinge_frames(pair: Constants) -> Constants:
     """
     constants: Constants | None = pair.prepared.get(HINGE_FRAMES)
     if constants is None:
-        frames = _frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
+        frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
         constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
         pair.prepared[HINGE_FRAMES] = constants
     return constants
 
 
-def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
+def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))

@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
-from hingepair.pair.forward_kinematics import Rows, component, read_coordinates
+from hingepair.pair.forward_kinematics import CoordinateInput, component, read_pair_coordinates
 from hingepair.plans.plan import SPATIAL
 from hingepair.rotations.sequences import find_sequence
 
@@ -38,12 +38,12 @@ def _from_body1(
     return arrays_of(pair, names, values, shapes)
 
 
-def coordinate_jacobian(pair: Constants, q: Rows, sequence: str) -> FloatArray:
+def coordinate_jacobian(pair: Constants, q: CoordinateInput, sequence: str) -> FloatArray:
     """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4)."""
     return _by_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 
-def coordinate_jacobian_rate(pair: Constants, q: Rows, qd: Rows, sequence: str) -> FloatArray:
+def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: CoordinateInput, sequence: str) -> FloatArray:
     """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9)."""
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
@@ -52,7 +52,7 @@ def coordinate_jacobian_rate(pair: Constants, q: Rows, qd: Rows, sequence: str) 
 
 def _by_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
     find_sequence(sequence)
-    given = read_coordinates(SPATIAL, q, qd, None)
+    given = read_pair_coordinates(SPATIAL, q, qd, None)
     return arrays_of(pair, (name,), given.parts, given.shapes, sequence=sequence)[name]
 
 

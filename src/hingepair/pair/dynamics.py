@@ -162,13 +162,15 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
     """
-    needed_bodies = {name: body for name, body in _named(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}}
+    needed_bodies = {
+        name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}
+    }
     none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}
     fall = one_constant("gravity", gravity, 3).tolist()
     return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(needed_bodies)})
 
 
-def _named(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
+def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
     return zip(("body1", "body2"), bodies, strict=True)
 
 
@@ -195,7 +197,7 @@ ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",)
 MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
 
 
-def compute(
+def compute_quantity(
     what: Quantity,
     constants: Constants,
     bodies: Bodies,
@@ -209,7 +211,7 @@ def compute(
         ArgumentError: an argument cannot be used; names it.
     """
     fall = _FALL if gravity is GRAVITY else one_constant("gravity", gravity, 3)
-    loads = {name: _load(name, value) if name in _FORCES else value for name, value in given.items()}
+    loads = {name: _load_array(name, value) if name in _FORCES else value for name, value in given.items()}
     call: Call | None = constants.prepared.get(what)
     if call is not None and type(body1) is BodyMotion:
         state = call.fast_path(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
@@ -238,14 +240,14 @@ def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constan
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
     """
-    present = {name: body for name, body in _named(bodies) if body is not None or name in what.bodies}
+    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in what.bodies}
     masses = _MASSLESS | mass_constants(present, what.without_body1)  # the same whatever is asked of a pair
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
     return extended
 
 
-def accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
+def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
     """Return the accelerations (D6) out of the outputs of ACCELERATIONS.
 
     Raises:
@@ -262,14 +264,14 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
     """Refuse masses that leave a motion without resistance where psi is 0.
 
     Raises:
-        ArgumentError: as for `accelerations`.
+        ArgumentError: as for `make_accelerations`.
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
     loads = dict.fromkeys(LOADS, 0.0)
-    outputs = compute(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
-    accelerations(bodies, outputs)
+    outputs = compute_quantity(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
+    make_accelerations(bodies, outputs)
 
 
-def _load(name: str, value: ArrayLike) -> NDArray[Any]:
+def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return a force or a torque as an array; the number 0 stands for none."""
     return _NONE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

@@ -19,8 +19,8 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR, SPATIAL, Plan, loop_of, make_plan
-from hingepair.rotations.matrices import TOLERANCE, check_rotation
+from hingepair.plans.plan import PLANAR, SPATIAL, Plan, make_plan, plan_loop
+from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
 
 AUTO: Final = Execution("auto", 1)  # how a call is run unless told
 STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANAR: PlanarState}
@@ -29,7 +29,7 @@ STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANA
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
 # By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
-_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
+_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
 _QUATERNION_LIMITS: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 
@@ -38,19 +38,20 @@ def call_of(pair: Constants, plan: Plan, given: tuple[str, ...], backend: str) -
     key = plan, given, backend
     call: Call | None = pair.prepared.get(key)
     if call is None:
-        shapes, loop = plan.kind.shapes, loop_of(plan)
+        shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
         limits = _QUATERNION_LIMITS if any(name in QUATERNIONS for name in given) else _ROTATION_LIMITS
         checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_LIMITS}
         call = pair.prepared[key] = Call(
-            loop, {name: shapes[name] for name in given}, {name: constants[name] for name in _needed(loop, given)},
+            loop, {name: shapes[name] for name in given},
+            {name: constants[name] for name in _needed_arguments(loop, given)},
             STATES[plan.kind], shape=pair.shape, backend=backend, on_limit=_refuse_attitude,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call
 
 
-def _needed(loop: Any, given: tuple[str, ...]) -> list[str]:
+def _needed_arguments(loop: Any, given: tuple[str, ...]) -> list[str]:
     return [name for name, _ in loop.inputs if name not in given]
 
 
@@ -63,7 +64,7 @@ def _refuse_attitude(values: Mapping[str, Any]) -> None:
             check_rotation(name, np.asarray(value))
 
 
-def compute(
+def compute_state(
     pair: Constants,
     plan: Plan,
     values: Mapping[str, Any],
@@ -86,7 +87,7 @@ def arrays_of(
 ) -> dict[str, NDArray[Any]]:
     """Return new arrays of what is computed of values, by name."""
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given=tuple(values))
-    arrays: dict[str, NDArray[Any]] = compute(pair, plan, values, shapes, dtype=dtype).writable_arrays()
+    arrays: dict[str, NDArray[Any]] = compute_state(pair, plan, values, shapes, dtype=dtype).writable_arrays()
     return arrays
 
 
@@ -98,7 +99,7 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
         pair: the constants of one pair.
         values: inputs of the plan of which something is known, as tuples of numbers and arrays, or one of either.
     """
-    loop, moving = loop_of(plan), np.empty(2)  # whatever the number of samples, which may be one
+    loop, moving = plan_loop(plan), np.empty(2)  # whatever the number of samples, which may be one
 
     def unknown(c: Any) -> Any:
         return moving + 0 if isinstance(c, np.ndarray) else c

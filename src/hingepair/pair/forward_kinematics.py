@@ -21,7 +21,7 @@ from hingepair.plans.plan import PLANAR, SPATIAL, Kind, Plan, check_outputs, def
 from hingepair.plans.steps import COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
 
-Rows: TypeAlias = ArrayLike | tuple[Any, ...]
+CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
 """q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
 Outputs: TypeAlias = Iterable[str] | None
 
@@ -48,7 +48,7 @@ class Coordinates(NamedTuple):
     library: Library | None = None
 
 
-def read_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
+def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
     """Return the coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -186,7 +186,7 @@ def plan_from_coordinates(
     """Return the plan for outputs from the coordinates, and the coordinates as read."""
     if kind is SPATIAL and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
-    given = read_coordinates(kind, q, qd, qdd, foreign)
+    given = read_pair_coordinates(kind, q, qd, qdd, foreign)
     names = _wanted(outputs, out, len(given.parts) - 1, kind)
     return _plan_for(names, pair, tuple(given.parts), sequence, kind), given
 

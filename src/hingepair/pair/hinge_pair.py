@@ -24,16 +24,16 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, check_one, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.forward_kinematics import Outputs, Rows
+from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
 from hingepair.pair.prepare import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.plan import SPATIAL
 
-Found = TypeVar("Found")
+Returned = TypeVar("Returned")
 
-SAMPLE_SHAPES: Final = {**SPATIAL.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+ARGUMENT_SAMPLE_SHAPES: Final = {**SPATIAL.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
 """Shape of one sample of each argument that may be a Dask array."""
 
 
@@ -140,16 +140,16 @@ class HingePair(Shown):
     def _bodies(self) -> tuple[Body | None, Body | None]:
         return self.body1, self.body2
 
-    def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
+    def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
         check_one(self, " beside Dask arrays")
-        return over_chunks(method, arguments, SAMPLE_SHAPES, kinematics.spatial_columns)
+        return over_chunks(method, arguments, ARGUMENT_SAMPLE_SHAPES, kinematics.spatial_columns)
 
     def forward_kinematics(
         self,
-        q: Rows,
-        qd: Rows | None = None,
-        qdd: Rows | None = None,
+        q: CoordinateInput,
+        qd: CoordinateInput | None = None,
+        qdd: CoordinateInput | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -280,9 +280,9 @@ class HingePair(Shown):
 
     def error_bounds(
         self,
-        q: Rows,
-        qd: Rows | None = None,
-        qdd: Rows | None = None,
+        q: CoordinateInput,
+        qd: CoordinateInput | None = None,
+        qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
         *,
         sequence: str = "XYZ",
@@ -354,7 +354,7 @@ class HingePair(Shown):
         """
         if holds_dask(body1, psi):
             return self._lazily(self.mass_matrix, body1=body1, psi=psi)
-        (found,) = dynamics.compute(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
+        (found,) = dynamics.compute_quantity(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
         return found
 
     def inverse_dynamics(
@@ -392,7 +392,9 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         if holds_dask(body1, hinge):
             return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
-        return Forces(*dynamics.compute(dynamics.FORCES, self.constants, self._bodies, body1, gravity, **hinge))
+        return Forces(
+            *dynamics.compute_quantity(dynamics.FORCES, self.constants, self._bodies, body1, gravity, **hinge)
+        )
 
     def forward_dynamics(
         self,
@@ -441,10 +443,10 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         if holds_dask(body1, loads, hinge):
             return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
-        outputs = dynamics.compute(
+        outputs = dynamics.compute_quantity(
             dynamics.ACCELERATIONS, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
         )
-        return dynamics.accelerations(self._bodies, outputs)
+        return dynamics.make_accelerations(self._bodies, outputs)
 
     def hinge_wrench(
         self,
@@ -470,7 +472,9 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         if holds_dask(body1, hinge):
             return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
-        outputs = dynamics.compute(dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge)
+        outputs = dynamics.compute_quantity(
+            dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge
+        )
         return HingeWrench(*outputs)
 
     def energy(
@@ -495,7 +499,9 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid}
         if holds_dask(body1, hinge):
             return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
-        return Energy(*dynamics.compute(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge))
+        return Energy(
+            *dynamics.compute_quantity(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge)
+        )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
         """Compute linear momentum of the pair, and angular momentum about the world's origin (D8).
@@ -513,7 +519,7 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid}
         if holds_dask(body1, hinge):
             return self._lazily(self.momentum, body1=body1, **hinge)
-        return Momentum(*dynamics.compute(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
+        return Momentum(*dynamics.compute_quantity(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
 
     def residuals(
         self,
@@ -596,7 +602,7 @@ class HingePair(Shown):
             return self._lazily(self.acceleration_bias, body1=body1, psi=psi, psid=psid)
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
-    def coordinate_jacobian(self, q: Rows, *, sequence: str = "XYZ") -> FloatArray:
+    def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
         """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq is in world axes; shape (..., 6, 7).
@@ -611,7 +617,9 @@ class HingePair(Shown):
             return self._lazily(self.coordinate_jacobian, q=q, sequence=sequence)
         return derivatives.coordinate_jacobian(self.constants, q, sequence)
 
-    def coordinate_jacobian_rate(self, q: Rows, qd: Rows, *, sequence: str = "XYZ") -> FloatArray:
+    def coordinate_jacobian_rate(
+        self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
+    ) -> FloatArray:
         """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq' is in world axes; shape (..., 6, 7).

@@ -23,7 +23,7 @@ from hingepair.pair.body_motion import motion_of_rotations
 from hingepair.pair.constants import Constants, check_one
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import arrays_of
-from hingepair.pair.forward_kinematics import Outputs, Rows
+from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
 from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.states import PlanarState
 from hingepair.plans.plan import PLANAR
@@ -32,7 +32,7 @@ from hingepair.rotations.matrices import rotation_exp
 PLANAR_GRAVITY = (0.0, -9.81)
 """Gravity in the plane unless given: y points up [m/s^2]."""
 
-Found = TypeVar("Found")
+Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
 _SAMPLE_SHAPES: Final = {
@@ -105,16 +105,16 @@ class PlanarPair(Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
-    def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
+    def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
         check_one(self, " beside Dask arrays")
         return over_chunks(method, arguments, _SAMPLE_SHAPES, kinematics.planar_columns)
 
     def forward_kinematics(
         self,
-        q: Rows,
-        qd: Rows | None = None,
-        qdd: Rows | None = None,
+        q: CoordinateInput,
+        qd: CoordinateInput | None = None,
+        qdd: CoordinateInput | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -143,7 +143,11 @@ class PlanarPair(Shown):
         return state
 
     def error_bounds(
-        self, q: Rows, qd: Rows | None = None, qdd: Rows | None = None, outputs: Outputs = None
+        self,
+        q: CoordinateInput,
+        qd: CoordinateInput | None = None,
+        qdd: CoordinateInput | None = None,
+        outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
 
@@ -179,7 +183,7 @@ class PlanarPair(Shown):
         """
         pair: HingePair | None = self.constants.prepared.get("massive")
         if pair is None:
-            pair = self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
+            pair = self._in_space(*(None if body is None else _level_body(body) for body in (self.body1, self.body2)))
             self.constants.prepared["massive"] = pair
         return pair
 
@@ -187,7 +191,7 @@ class PlanarPair(Shown):
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
-    def mass_matrix(self, q: Rows) -> FloatArray:
+    def mass_matrix(self, q: CoordinateInput) -> FloatArray:
         """Compute the mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
         Of coordinates as for `forward_kinematics`.
@@ -208,7 +212,9 @@ class PlanarPair(Shown):
         (M,) = self._computed(dynamics.MASS_MATRIX, {"q": q})
         return M[..., _PLANAR_COORDINATES[:, None], _PLANAR_COORDINATES]
 
-    def inverse_dynamics(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Forces:
+    def inverse_dynamics(
+        self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
+    ) -> Forces:
         """Compute the forces and torques on body 1 and at the pin that move the pair as given (D1-D5).
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
@@ -232,7 +238,9 @@ class PlanarPair(Shown):
         force1, torque1, hinge_torque = self._computed(dynamics.FORCES, rows, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
-    def hinge_wrench(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> HingeWrench:
+    def hinge_wrench(
+        self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
+    ) -> HingeWrench:
         """Compute the wrench of body 1 on body 2 at the pin (D3, D4); body 2 alone needs mass properties.
 
         Arguments are those of `inverse_dynamics`.
@@ -257,8 +265,8 @@ class PlanarPair(Shown):
 
     def forward_dynamics(
         self,
-        q: Rows,
-        qd: Rows,
+        q: CoordinateInput,
+        qd: CoordinateInput,
         *,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0.0,
@@ -296,10 +304,10 @@ class PlanarPair(Shown):
         if holds_dask(q, qd, loads):
             return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
         found = self._computed(dynamics.ACCELERATIONS, {"q": q, "qd": qd}, gravity, **loads)
-        a1, alpha1, psidd = dynamics.accelerations((self.body1, self.body2), found)
+        a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), found)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
-    def energy(self, q: Rows, qd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
+    def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
         """Compute kinetic and potential energy (D7); body 1 counts where it has mass properties.
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
@@ -316,7 +324,7 @@ class PlanarPair(Shown):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
         return Energy(*self._computed(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
-    def momentum(self, q: Rows, qd: Rows) -> Momentum:
+    def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
         """Compute linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
 
         Of coordinates as for `forward_kinematics`.
@@ -347,14 +355,14 @@ class PlanarPair(Shown):
                 raise ArgumentError(
                     name, "four coordinates, or their derivatives: what is asked for needs them", None
                 )
-        space, given = self.massive(), kinematics.read_coordinates(PLANAR, **{"qd": None, "qdd": None, **rows})
+        space, given = self.massive(), kinematics.read_pair_coordinates(PLANAR, **{"qd": None, "qdd": None, **rows})
         values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
         for name, part in given.parts.items():
             x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
             values[name] = x, y, 0.0, 0.0, 0.0, phi, psi
         shapes = dict(given.shapes)
         for name, value in loads.items():
-            values[name] = load = _load(name, value)
+            values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
         massive = dynamics.with_masses(what, space.constants, (space.body1, space.body2))
         return arrays_of(massive, what.outputs, values, shapes, sequence="XYZ").values()
@@ -363,7 +371,7 @@ class PlanarPair(Shown):
 _PLANAR_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
 
 
-def _level(body: Body) -> Body:
+def _level_body(body: Body) -> Body:
     """Return the body with its centre of mass in the plane z = 0 and its inertia about z about all axes."""
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
@@ -371,9 +379,11 @@ def _level(body: Body) -> Body:
     return replace(body, center_of_mass=np.array((x, y, 0.0)), inertia=inertia)
 
 
-def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) -> tuple[Any, ...]:
+def motion_in_space(
+    q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
+) -> tuple[Any, ...]:
     """Return body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they are given."""
-    given = kinematics.read_coordinates(PLANAR, q, qd, qdd)
+    given = kinematics.read_pair_coordinates(PLANAR, q, qd, qdd)
     shape = broadcast_shape(given.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}
@@ -387,7 +397,7 @@ def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) ->
     return motion_of_rotations(S=S, **arrays), *hinge
 
 
-def _load(name: str, value: ArrayLike) -> Any:
+def _spatial_load(name: str, value: ArrayLike) -> Any:
     """Return a load in the plane as one in space; the number 0 stands for no force."""
     if name == "hinge_torque":
         return kinematics.component(name, value)

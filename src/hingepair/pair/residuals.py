@@ -185,7 +185,7 @@ seen; of motion that another program did, each component may be 16 off (as again
 that."""
 
 
-class Kind(NamedTuple):
+class ResidualKind(NamedTuple):
     """One residual that is judged.
 
     Attributes:
@@ -203,19 +203,21 @@ class Kind(NamedTuple):
     size: str
 
 
-KINDS = {
-    "gap": Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
-    "tilt": Kind("E2", "rad", (), "1", "tilt_angle"),
-    "gap_rate": Kind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
-    "tilt_rate": Kind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
-    "gap_acceleration": Kind(
+RESIDUAL_KINDS = {
+    "gap": ResidualKind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
+    "tilt": ResidualKind("E2", "rad", (), "1", "tilt_angle"),
+    "gap_rate": ResidualKind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
+    "tilt_rate": ResidualKind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
+    "gap_acceleration": ResidualKind(
         "E1''",
         "m/s^2",
         ("v", "omega", "a", "alpha"),
         "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
         "gap_acceleration",
     ),
-    "tilt_acceleration": Kind("E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
+    "tilt_acceleration": ResidualKind(
+        "E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"
+    ),
 }
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
@@ -291,7 +293,7 @@ def _compute(
 ) -> _Computed:
     """Compute the residuals of two motions, each beside its tolerance at every sample."""
     motions = _motions(body1, body2)
-    allowed = _checked(tolerances)
+    allowed = _check_tolerances(tolerances)
     for kind in allowed:
         _check_given(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
@@ -299,11 +301,11 @@ def _compute(
     pair = with_hinge_frames(pair)
     arrays = _arrays(pair, motions, shapes)
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
-    scales = _scales(pair, motions, [kind for kind in KINDS if kind in arrays])
+    scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KINDS if kind in arrays])
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
     judged = {}
     for kind, scale in scales.items():
-        size = arrays[KINDS[kind].size]
+        size = arrays[RESIDUAL_KINDS[kind].size]
         known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
         size = size if size.ndim == len(shape) else norm(size)
         judged[kind] = _judge(kind, size, scale, known, u, allowed)
@@ -323,7 +325,7 @@ def _judge(
         if kind in allowed:
             basis, tolerance = "given", np.broadcast_to(allowed[kind], size.shape)
         else:
-            basis = f"{ROUNDOFF} u * ({KINDS[kind].scale})"
+            basis = f"{ROUNDOFF} u * ({RESIDUAL_KINDS[kind].scale})"
             tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
         sizes = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
         return _Judged(sizes, tolerance, np.where(known, sizes / tolerance, -np.inf), known, basis)
@@ -358,7 +360,7 @@ def residuals(
 ) -> Residuals:
     """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
     arrays, judged, shape, u = _compute(pair, body1, body2, tolerances)
-    instants = None if t is None else _instants(t, shape)
+    instants = None if t is None else _broadcast_instants(t, shape)
     rows = tuple(_worst(kind, own, instants) for kind, own in judged.items())
     left_out = np.zeros(shape, dtype=bool)
     for own in judged.values():
@@ -368,7 +370,7 @@ def residuals(
     return Residuals(name=name, t=instants, **facts, **values)
 
 
-def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the instants, one for each sample."""
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
@@ -381,7 +383,7 @@ def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 def _worst(kind: str, judged: _Judged, t: NDArray[Any] | None) -> ResidualCheck:
     """Return one residual at its worst sample, which is that with the largest part of its tolerance."""
-    label, unit, *_ = KINDS[kind]
+    label, unit, *_ = RESIDUAL_KINDS[kind]
     sizes, tolerance, ratio, known, basis = judged
     if not known.any():
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
@@ -406,7 +408,7 @@ def _worst(kind: str, judged: _Judged, t: NDArray[Any] | None) -> ResidualCheck:
     )
 
 
-def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
+def _residual_scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
     """Return the scale of each residual, sample by sample (the formulas of KINDS); NaN or inf where an input is."""
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
@@ -432,14 +434,14 @@ def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -
 
 def _check_given(kind: str, given: Mapping[str, NDArray[Any]]) -> None:
     """Refuse the tolerance of a residual that the motions do not tell."""
-    letters = KINDS[kind].letters
+    letters = RESIDUAL_KINDS[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in given]
     if missing:
         expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
         raise ArgumentError(f"tolerances[{kind!r}]", expected, f"no {', '.join(missing)}")
 
 
-def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
+def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
     """Return a user's tolerances by the residual's name, checked."""
     if tolerances is None:
         return {}
@@ -447,10 +449,10 @@ def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
         raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
     allowed = {}
     for key, value in tolerances.items():
-        if key not in KINDS:
-            raise ArgumentError("tolerances", choices(tuple(KINDS)), repr(key))
+        if key not in RESIDUAL_KINDS:
+            raise ArgumentError("tolerances", choices(tuple(RESIDUAL_KINDS)), repr(key))
         number = finite_number(f"tolerances[{key!r}]", value)
         if number <= 0:
-            raise ArgumentError(f"tolerances[{key!r}]", f"a positive number [{KINDS[key].unit}]", value)
+            raise ArgumentError(f"tolerances[{key!r}]", f"a positive number [{RESIDUAL_KINDS[key].unit}]", value)
         allowed[key] = number
     return allowed

@@ -29,7 +29,7 @@ _COMPONENT_LETTERS = "xyz"  # that a component's name ends with
 _DESCRIPTIONS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
 _TEXT_ROWS = 8192  # rows of a .csv that are turned into text at a time
 
-Add: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
+RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Takes some instants, and what was found at them by name."""
 
 
@@ -81,7 +81,7 @@ class Result(Shown):
         """
         pandas = needed_package("pandas", "to_dataframe")
         arrays = self.recorded()
-        frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _columns(self.t, arrays), strict=True)))
+        frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _split_columns(self.t, arrays), strict=True)))
         frame.attrs = {"description": self.described, "units": {"t": "s", **{n: self.unit(n) for n in arrays}}}
         return frame
 
@@ -188,13 +188,13 @@ def result_file(
     described: str = "",
     inputs: Iterable[str | os.PathLike[str]] = (),
     unit: Callable[[str], str] = unit_of,
-) -> Iterator[Add]:
+) -> Iterator[RowWriter]:
     """Open a file for results that are written block by block; it appears only if the block is left without an error.
 
     .csv and .parquet are written as the blocks come; of .npz and .nc all that came is held until the end.
 
     Args:
-        path: ends in one of `ENDINGS`.
+        path: ends in one of `RESULT_SUFFIXES`.
         samples: how many instants will come.
         described: what they are, for files that describe themselves.
         inputs: files that are being read from, which the path must not be.
@@ -222,7 +222,7 @@ def check_ending(path: Path) -> None:
         ArgumentError: it ends in none that is known.
     """
     if path.suffix.lower() not in _WRITERS:
-        raise ArgumentError("path", f"a file name that ends in {', '.join(ENDINGS)}", quoted(str(path)))
+        raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_SUFFIXES)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -231,21 +231,21 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
     """
-    return [f"{name}{ending}" for name, array in arrays.items() for ending in _endings(array.shape[1:])]
+    return [f"{name}{ending}" for name, array in arrays.items() for ending in _component_suffixes(array.shape[1:])]
 
 
-def _endings(tail: tuple[int, ...]) -> list[str]:
+def _component_suffixes(tail: tuple[int, ...]) -> list[str]:
     """Return the suffix of each component's name for a shape: () for a number, (3,) or (2,) for a vector, (3, 3)."""
     letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(tail)]
     return [f"_{c}" if c else "" for c in letters]
 
 
-def _columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
+def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
     return [t, *(column for array in arrays.values() for column in array.reshape(len(t), -1).T)]
 
 
 @contextlib.contextmanager
-def _csv(file: IO[bytes], *_: object) -> Iterator[Add]:
+def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -253,7 +253,7 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[Add]:
         if not begun:
             begun = True
             file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
-        columns = _columns(t, arrays)
+        columns = _split_columns(t, arrays)
         for start in range(0, len(t), _TEXT_ROWS):
             rows = np.stack([column[start : start + _TEXT_ROWS] for column in columns], axis=1)
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
@@ -262,13 +262,13 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[Add]:
+def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
     arrow, parquet = needed_package("pyarrow", "save"), needed_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
         nonlocal writer
-        own = [np.ascontiguousarray(column) for column in _columns(t, arrays)]
+        own = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
             arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)]) for c in own
         ]
@@ -282,9 +282,9 @@ def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]
 
 
 @contextlib.contextmanager
-def _held(
+def _open_at_end(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
-) -> Iterator[Add]:
+) -> Iterator[RowWriter]:
     kept: dict[str, Any] = {}
     count = 0
 
@@ -326,10 +326,10 @@ def needed_package(package: str, caller: str) -> Any:
 # Writers of files that need all arrays at once, by the ending of the file.
 _WHOLE_WRITERS: Final[dict[str, Callable[..., None]]] = {".npz": _write_npz, ".nc": _write_netcdf}
 # All writers, by the ending of the file.
-_WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[Add]]]] = {
+_WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv,
     ".parquet": _parquet,
-    **{kind: functools.partial(_held, write=write) for kind, write in _WHOLE_WRITERS.items()},
+    **{kind: functools.partial(_open_at_end, write=write) for kind, write in _WHOLE_WRITERS.items()},
 }
-ENDINGS: Final = tuple(_WRITERS)
+RESULT_SUFFIXES: Final = tuple(_WRITERS)
 """Endings of files that results are written to."""

@@ -24,7 +24,7 @@ from hingepair.pictures.simple_bodies import (
     robot_size,
     simple_bodies,
 )
-from hingepair.urdf.rigid import Pose
+from hingepair.urdf.rigid import FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
 _BASE_COLOUR: Final = "#8b919b"  # of a robot's base
@@ -94,7 +94,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
             DrawnBody(
                 "body2",
                 BODY2_COLOUR,
-                [(BODY2_COLOUR, shape) for shape in placed_shapes(two, Pose(still, 0.0 - pair.u2))],
+                [(BODY2_COLOUR, shape) for shape in placed_shapes(two, FramePose(still, 0.0 - pair.u2))],
             ),
         ],
         joints=[joint],

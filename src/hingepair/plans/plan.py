@@ -190,7 +190,7 @@ def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan
 
 
 @functools.lru_cache(maxsize=1024)
-def loop_of(plan: Plan) -> Loop:
+def plan_loop(plan: Plan) -> Loop:
     """Return the loop that runs a plan over samples."""
     shapes = plan.kind.shapes
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
@@ -262,7 +262,12 @@ def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
         arm = LEVER_STEPS[0] if home else Step("arm", same, ("u2",))
-        steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", eq.cosine, ("hinge",)), arm, *LEVER_STEPS[1:]]
+        steps = [
+            Step("hinge", hinge_terms, ("psi",)),
+            Step("cosine", eq.cosine_of_psi, ("hinge",)),
+            arm,
+            *LEVER_STEPS[1:],
+        ]
     if sequence == "XYZ":
         steps.append(Step("trig", angle_terms, ("phi",)))
     elif sequence is not None:
@@ -289,7 +294,7 @@ def _planar_steps(terms: Terms) -> tuple[Step, ...]:
     angle_terms, hinge_terms = terms
     own: dict[str, Callable[..., Any]] = {
         "hinge": hinge_terms,
-        "cosine": eq.cosine,
+        "cosine": eq.cosine_of_psi,
         "turn1": lambda phi1: angle_terms((phi1,)),
     }
     return tuple(step._replace(function=own.get(step.result, step.function)) for step in PLANAR_STEPS)

@@ -61,21 +61,21 @@ PLANAR_ROW_STEPS = tuple(
 
 def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
     """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
-    size = _size(quat)
+    size = _largest_component(quat)
     w, x, y, z = (c / size for c in quat)
     length = square_root(w * w + x * x + y * y + z * z)
     return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
 
 
-def _size(parts: tuple[Any, ...]) -> Any:
+def _largest_component(parts: tuple[Any, ...]) -> Any:
     """Return the largest absolute component."""
     return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
 
 
-def _orthonormality(S: eq.Matrix) -> Any:
+def _rotation_defect(S: eq.Matrix) -> Any:
     """Return the largest element of S S^T - I; of a reflection, 2."""
     *errors, volume = eq.orthonormality(S)
-    return where_less(volume, 0.0, 2.0, _size(tuple(errors)))
+    return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
 
 def _zero_quaternion(quat: tuple[Any, ...]) -> Any:
@@ -85,7 +85,7 @@ def _zero_quaternion(quat: tuple[Any, ...]) -> Any:
 
 
 ATTITUDE_STEPS = {
-    "S1": (Step("attitude1_check", _orthonormality, ("S1",)),),
+    "S1": (Step("attitude1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
         Step("S1", _attitude_of, ("quat",)),
@@ -99,7 +99,7 @@ ATTITUDE_STEPS = {
 """The attitude of body 1 out of what else it can be given as, and a number by which an attitude that is none is
 refused: of a matrix, its distance from a rotation; of a quaternion, whether it is zero."""
 
-ATTITUDE2_STEPS = (Step("attitude2_check", _orthonormality, ("S2",)),)
+ATTITUDE2_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
 """Step to the distance of a given S2 from a rotation."""
 
 HINGE_STEPS = (
@@ -241,7 +241,7 @@ PLANAR_STEPS = (
 _ZERO: Vector = (0.0, 0.0, 0.0)  # an acceleration that is none
 
 JACOBIAN_STEPS = (
-    Step("turns", lambda: by.WORLD, ()),
+    Step("turns", lambda: by.WORLD_AXES, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
         "relative_bias",
@@ -307,7 +307,7 @@ def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 
-def _quotient(parts: Components) -> Any:
+def _component_quotient(parts: Components) -> Any:
     return parts[0] / parts[1]
 
 
@@ -337,7 +337,7 @@ CONSTRAINT_STEPS = (
     Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
     Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
     Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
-    Step("psid", _quotient, ("psid_parts",)),
+    Step("psid", _component_quotient, ("psid_parts",)),
     Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
     Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
     Step("constraint_bias", joined, ("gap_bias", "tilt_bias")),
@@ -347,6 +347,6 @@ CONSTRAINT_STEPS = (
     Step("relative_alpha", ce.relative_turn, ("alpha1", "alpha2")),
     Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),
     Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
-    Step("psidd", _quotient, ("psidd_parts",)),
+    Step("psidd", _component_quotient, ("psidd_parts",)),
 )
 """Steps to the constraints and to all that follows from them."""

@@ -166,7 +166,7 @@ class Computation:
         return tuple(sums)
 
     @functools.cached_property
-    def places(self) -> list[eq.Place]:
+    def places(self) -> list[eq.Placement]:
         """Where each joint has its body."""
         turns = [
             None if link.slides else (sine(value), cosine(value))
@@ -227,7 +227,7 @@ class Computation:
 
     def frame_positions(self) -> tuple[Scalar, ...]:
         """Return R of every frame."""
-        return _flat(add(self.values["R1"], pose.d) for pose in self.frame_poses)
+        return _chain_vectors(add(self.values["R1"], pose.d) for pose in self.frame_poses)
 
     def _columns(self, own: Sequence[tuple[Vector, Vector]], base: Sequence[tuple[Vector, Vector]]) -> list[Any]:
         """Return the columns of a Jacobian, six rows each, from those of the joints and of a free base."""
@@ -241,7 +241,7 @@ class Computation:
         """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row."""
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
         own = eq.point_columns(self.links, self.poses, body, d)
-        return _rows(self._columns(own, eq.base_columns(d) if self.request.free else ()))
+        return _matrix_rows(self._columns(own, eq.base_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
         """Return (a, alpha) of the first frame where the derivatives of the Jacobian's velocities are 0."""
@@ -362,7 +362,7 @@ class Computation:
         return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
 
     @functools.cached_property
-    def articulated(self) -> tuple[list[eq.Elimination], eq.Resistance]:
+    def articulated(self) -> tuple[list[eq.Elimination], eq.SpatialInertia]:
         """Articulated bodies (T5)."""
         return eq.articulated(self.base, self.links, self.places, _reciprocal)
 
@@ -449,7 +449,7 @@ class Computation:
             force, _ = eq.axis_wrench(link.slides, matter)
             own.append((scale(rotate(pose.S, force), share), eq.ZERO))
         base = eq.base_columns(self.centre_from_base) if self.request.free else ()
-        return _rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
+        return _matrix_rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
         """Return the acceleration of the centre of mass where the second derivatives are 0."""
@@ -514,16 +514,16 @@ def _taken(numbers: Any, tails: Mapping[str, Tail]) -> dict[str, Any]:
     }
 
 
-def _flat(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
+def _chain_vectors(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     return tuple(part for vector in vectors for part in vector)
 
 
-def _rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
+def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     """Return the entries of a matrix, row by row, from its columns."""
-    return _flat(zip(*columns, strict=True))
+    return _chain_vectors(zip(*columns, strict=True))
 
 
-def _frames(*own: int) -> Callable[[Form, Request], Tail]:
+def _frames_shape(*own: int) -> Callable[[Form, Request], Tail]:
     return lambda _, request: (len(request.frames), *own)
 
 
@@ -558,13 +558,19 @@ _MOTION_INPUTS = (
 _BIAS_INPUTS = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
 
 OUTPUTS: Final[Mapping[str, Output]] = {
-    "R": Output(_frames(3), ("q", "R1", "S1"), Computation.frame_positions),
-    "S": Output(_frames(3, 3), _POSE_INPUTS, lambda c: _flat(pose.S for pose in c.frame_poses)),
-    "d": Output(_frames(3), _POSE_INPUTS, lambda c: _flat(pose.d for pose in c.frame_poses)),
-    "v": Output(_frames(3), (*_VELOCITY_INPUTS, "v1"), lambda c: _flat(v for v, _ in c.frame_rates)),
-    "omega": Output(_frames(3), _VELOCITY_INPUTS, lambda c: _flat(omega for _, omega in c.frame_rates)),
-    "a": Output(_frames(3), (*_ACCELERATION_INPUTS, "a1"), lambda c: _flat(a for a, _ in c.frame_changes)),
-    "alpha": Output(_frames(3), _ACCELERATION_INPUTS, lambda c: _flat(alpha for _, alpha in c.frame_changes)),
+    "R": Output(_frames_shape(3), ("q", "R1", "S1"), Computation.frame_positions),
+    "S": Output(_frames_shape(3, 3), _POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
+    "d": Output(_frames_shape(3), _POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
+    "v": Output(_frames_shape(3), (*_VELOCITY_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_rates)),
+    "omega": Output(
+        _frames_shape(3), _VELOCITY_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_rates)
+    ),
+    "a": Output(
+        _frames_shape(3), (*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_changes)
+    ),
+    "alpha": Output(
+        _frames_shape(3), _ACCELERATION_INPUTS, lambda c: _chain_vectors(alpha for _, alpha in c.frame_changes)
+    ),
     "jacobian": Output(_velocities(6), _POSE_INPUTS, Computation.jacobian),
     "acceleration_bias": Output(_fixed(6), (*_VELOCITY_INPUTS, "a1", "alpha1"), Computation.acceleration_bias),
     "tau": Output(_dof, _FORCE_INPUTS, Computation.efforts),
@@ -617,14 +623,14 @@ def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
     return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
-def compute(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
+def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
     """Compute the outputs of a request, by name, of values of any kind of scalar."""
     computation = Computation(form, request, values)
     return {name: OUTPUTS[name].make(computation) for name in request.outputs}
 
 
 @functools.lru_cache(maxsize=512)
-def loop_of(form: Form, request: Request) -> Loop:
+def request_loop(form: Form, request: Request) -> Loop:
     """Return the loop that runs a request over samples."""
     outputs = {name: OUTPUTS[name].tail(form, request) for name in request.outputs}
     labels = {
@@ -632,4 +638,4 @@ def loop_of(form: Form, request: Request) -> Loop:
         for name in ("q", "qd", "qdd", "tau")
     }
     inputs = inputs_of(form, request)
-    return Loop("robot", functools.partial(compute, form, request), inputs, outputs, labels=labels)
+    return Loop("robot", functools.partial(compute_request, form, request), inputs, outputs, labels=labels)

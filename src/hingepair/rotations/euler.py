@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD, beside
+from hingepair.equations.derivatives import WORLD_AXES, beside
 from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
@@ -286,7 +286,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
             found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
         sine, cosine = np.abs(trig[2]), np.abs(trig[3])
         lock, common = (sine, cosine) if order.proper else (cosine, sine)
-        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD]
+        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_AXES]
         found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
         found["condition"] = np.divide(1.0 + common, lock)
         found["lock_distance"] = np.arctan2(lock, common)

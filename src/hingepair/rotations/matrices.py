@@ -16,7 +16,7 @@ from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
-TOLERANCE = {4: 1e-5, 8: 1e-9}
+ROTATION_TOLERANCES = {4: 1e-5, 8: 1e-9}
 """How far a given matrix may be from a rotation, by the bytes of its numbers."""
 
 
@@ -65,7 +65,7 @@ def unskew(W: ArrayLike) -> FloatArray:
     with np.errstate(all="ignore"):
         rest = np.abs(matrix + np.swapaxes(matrix, -1, -2)).max(axis=(-2, -1), initial=0.0)
         size = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
-        bad = np.isfinite(size) & (rest > 2 * TOLERANCE[dtype.itemsize] * size)
+        bad = np.isfinite(size) & (rest > 2 * ROTATION_TOLERANCES[dtype.itemsize] * size)
     if np.any(bad):
         raise ArgumentError("W", "antisymmetric matrices", f"W + W^T up to {np.max(rest[bad]):.3g}")
     return tabulate_one(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
@@ -130,7 +130,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     return S.astype(result_dtype((vector,)), copy=False)
 
 
-def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.Hinge, low: eq.Hinge) -> tuple[Any, ...]:
+def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.HingeTrig, low: eq.HingeTrig) -> tuple[Any, ...]:
     """Return the correction of E6 for the low parts of the axis, of the sine and of 1 - cosine."""
     (s, k), (s_low, k_low) = hinge, low
     x, y, z = n
@@ -282,7 +282,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
         RotationError: names the argument, and project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
-    tolerance = 2 * TOLERANCE[dtype.itemsize]
+    tolerance = 2 * ROTATION_TOLERANCES[dtype.itemsize]
     if shape == ():
         one = _orthonormality({"S": S.ravel().tolist()})
         if one["error"] <= tolerance and one["volume"] >= 0:

@@ -29,7 +29,7 @@ from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
-TOLERANCE: Final = 1e-12
+DEFAULT_TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 _LIMITS: Final = ("speed", "acceleration")
 
@@ -117,14 +117,14 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
-    functions, sequence = read_coordinates(motion, names, () if planar else ("file", "omega1"))
+    functions, sequence = read_coordinate_functions(motion, names, () if planar else ("file", "omega1"))
     t = read_instants(time)
     how = turns_about(sequence) if sequence else "in the plane z = 0"
     given = ByFunctions(t, functions, sequence)
     return Motion(t, given, "coordinates as expressions in t", how, functions=(functions,))
 
 
-def read_coordinates(
+def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], also: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
     """Read coordinates as functions of t, and the sequence of their Euler angles; None in the plane."""
@@ -146,7 +146,7 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:
     known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     known |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
     signals = _signal("omega1", turning), _signal("psi_dot", hinge)
-    tol = table.number("tol", TOLERANCE)
+    tol = table.number("tol", DEFAULT_TOL)
     return integrated(table, t, signals, known, tol, planar=planar, functions=(turning, hinge, point))
 
 

@@ -56,7 +56,7 @@ class SceneForces(Record):
         return super()._sheet()._replace(notes=self.notes)
 
 
-def forces_of(
+def pair_scene_forces(
     motion: Motion,
     pair: HingePair | PlanarPair,
     t: Float64Array,
@@ -86,13 +86,13 @@ def forces_of(
         loads = motion.simulated.loads
         parts = {name: loads[name] for part in HINGE_PARTS if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
-    notes = [*_lost(arrays), *_beyond_torque_limit(pair, t, arrays)]
+    notes = [*_not_finite_note(arrays), *_beyond_torque_limit(pair, t, arrays)]
     if flat and gravity is None and not motion.simulated:
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
     if motion.derived is not None and len(t) > ORDER:
-        noise, sentence = _noise(pair, t, known, motion.derived, fall, arrays)
+        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays)
         notes.append(sentence)
     record = t, _in_plane(arrays) if flat else arrays, f"forces: {title}", files
     return SceneForces(*record, gravity=fall[:size], noise=noise, notes=tuple(notes))
@@ -137,7 +137,7 @@ def _in_plane(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     }
 
 
-def _lost(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+def _not_finite_note(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
     """Yield a sentence on instants whose forces are not finite, if there are any."""
     finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
     lost = int((~np.logical_and.reduce(finite)).sum())
@@ -159,7 +159,7 @@ def _beyond_torque_limit(
         yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
 
 
-def _noise(
+def _force_noise(
     pair: HingePair | PlanarPair,
     t: Float64Array,
     known: KnownMotion,

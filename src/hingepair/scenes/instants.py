@@ -136,7 +136,7 @@ def held_instants(time: Table) -> Float64Array:
     return np.asarray(read_only(t[:]))
 
 
-def _samples(time: Table, key: str) -> int:
+def _read_sample_count(time: Table, key: str) -> int:
     """Read the number of samples, a whole number within limits."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
@@ -146,4 +146,4 @@ def _samples(time: Table, key: str) -> int:
     return value
 
 
-_TIME: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _samples}
+_TIME: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 _PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
 """A motion by that of body 1 and the hinge angle, and its derivatives."""
-_BODIES = ("R1", "S1", "R2", "S2", "omega1", "omega2")
+_BODY_OUTPUTS = ("R1", "S1", "R2", "S2", "omega1", "omega2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +114,7 @@ class ByCoordinates:
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
         """Compute R1, S1, R2, S2 in space and, of a motion with rates, omega1, omega2, psid, W1 (scale of omega1)."""
         if self.sequence:
-            found = self.forward_kinematics(pair, _BODIES if self.level else _BODIES[:4]).arrays()
+            found = self.forward_kinematics(pair, _BODY_OUTPUTS if self.level else _BODY_OUTPUTS[:4]).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
                 found |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
@@ -216,9 +216,9 @@ class ByBody1:
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
         """Compute R1, S1, R2, S2 and, of a motion with rates, omega1, omega2, psid and W1 (scale of omega1)."""
         if not self.level:
-            return self.forward_kinematics(pair, _BODIES[:4]).arrays()
+            return self.forward_kinematics(pair, _BODY_OUTPUTS[:4]).arrays()
         W1, _ = given_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _BODIES).arrays() | {"psid": self.hinge[1], "W1": np.asarray(W1)}
+        return self.forward_kinematics(pair, _BODY_OUTPUTS).arrays() | {"psid": self.hinge[1], "W1": np.asarray(W1)}
 
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:

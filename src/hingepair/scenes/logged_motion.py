@@ -86,10 +86,10 @@ _OF_A_PAIR: Final = Layout(
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
 _POSITION = ("R1", "v1", "a1")
-_HINGE = ("psi", "psid", "psidd")
+_HINGE_COLUMNS = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
-_MIN_LATE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
+_MIN_ROUNDED_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
 def read_log(table: Table, folder: Path) -> Motion:
@@ -110,7 +110,7 @@ def read_log(table: Table, folder: Path) -> Motion:
         table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
     log = Log(log_file(table, folder), _OF_A_PAIR, completed, unwrap)
     if smoothed:
-        return _smoothed(table, log)
+        return _smoothed_motion(table, log)
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
@@ -166,7 +166,7 @@ class Log(Place):
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > _MIN_LATE_INSTANT
+            late = kind == ".csv" and abs(t[0]) > _MIN_ROUNDED_INSTANT
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
@@ -282,8 +282,8 @@ def _stated(table: Table, log: Log) -> Motion:
     attitude = _attitude(log)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
-    parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
-    level, frame = _level(log, parts), _frame(table, log)
+    parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE_COLUMNS)}
+    level, frame = _highest_derivative(log, parts), _frame(table, log)
     for name in (*(ARRAYS["phi"] if attitude is _EULER else ()), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
@@ -304,17 +304,20 @@ def _stated(table: Table, log: Log) -> Motion:
     return Motion(log.t, given, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
 
 
-def _smoothed(table: Table, log: Log) -> Motion:
+def _smoothed_motion(table: Table, log: Log) -> Motion:
     """Return the motion of noisy samples of position, attitude and psi, smoothed, with all rates."""
     attitude = _attitude(log)
-    read = {"t", *(column for names in (_POSITION, attitude, _HINGE) for column in ARRAYS.get(names[0], names[:1]))}
+    read = {
+        "t",
+        *(column for names in (_POSITION, attitude, _HINGE_COLUMNS) for column in ARRAYS.get(names[0], names[:1])),
+    }
     for column in log.columns:
         if column not in read:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
     table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER else ())))
-    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION, attitude, _HINGE))
+    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION, attitude, _HINGE_COLUMNS))
     if attitude is _EULER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCES, "XYZ")))
     else:
@@ -323,7 +326,7 @@ def _smoothed(table: Table, log: Log) -> Motion:
         warnings.simplefilter("always", MeasurementWarning)
         body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
     known = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    known |= {name: getattr(angle, name) for name in _HINGE}
+    known |= {name: getattr(angle, name) for name in _HINGE_COLUMNS}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -348,7 +351,7 @@ def _smoothed(table: Table, log: Log) -> Motion:
 
 def _integrated(table: Table, log: Log) -> Motion:
     """Return the motion whose rates the file states, integrated (E12)."""
-    rates = (_QUATERNION[1:], _HINGE[1:])
+    rates = (_QUATERNION[1:], _HINGE_COLUMNS[1:])
     quantities = (name for names in (_POSITION, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
@@ -385,7 +388,7 @@ def _attitude(log: Log) -> tuple[str, ...]:
     return own
 
 
-def _level(log: Log, parts: dict[tuple[str, ...], Part]) -> int:
+def _highest_derivative(log: Log, parts: dict[tuple[str, ...], Part]) -> int:
     """Return the highest derivative of the motion; refuse derivatives of some parts without those of the others."""
     level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
     for names, part in parts.items():

@@ -133,7 +133,7 @@ class LimitWatch:
             )
 
 
-def degree_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
+def constant_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
     """Yield a sentence if angles [rad] look like degrees: whole numbers, the largest of more than two turns."""
     if angles and all(angle % 1 == 0 for angle in angles) and abs(largest := max(angles, key=abs)) > 4 * math.pi:
         yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'

@@ -13,19 +13,19 @@ from hingepair.errors import printable
 from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.tables import Key, Table, numbers
+from hingepair.scenes.tables import Key, Table, numbers_key
 
 Made = TypeVar("Made")
 
 
-def _inertia(table: Table, key: str) -> Any:
+def _read_inertia(table: Table, key: str) -> Any:
     """Read an inertia: three principal moments, or a matrix."""
     given = table.values[key]
     diagonal = isinstance(given, list) and not any(isinstance(row, list) for row in given)
     return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
 
 
-def _shapes(table: Table, key: str) -> list[Shape]:
+def _read_shapes(table: Table, key: str) -> list[Shape]:
     given = table.values[key]
     if not isinstance(given, list) or not all(isinstance(shape, dict) for shape in given):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
@@ -33,11 +33,11 @@ def _shapes(table: Table, key: str) -> list[Shape]:
 
 
 def _shape(table: Table) -> Shape:
-    named = [kind for kind in _SHAPES if kind in table.values]
+    named = [kind for kind in _SHAPE_READERS if kind in table.values]
     if len(named) != 1:
-        table.refuse("", f"one of {', '.join(_SHAPES)}", ", ".join(named) or "none of them")
+        table.refuse("", f"one of {', '.join(_SHAPE_READERS)}", ", ".join(named) or "none of them")
     (kind,) = named
-    make, size, keys = _SHAPES[kind]
+    make, size, keys = _SHAPE_READERS[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return made(table, make, {size: values.pop(kind), **values})
 
@@ -48,28 +48,34 @@ def read_body(table: Table, key: str) -> Body:
     return made(own, Body, own.read(BODY_KEYS))
 
 
-_SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
-    "box": (Box, "size", {"box": numbers(3), "center": numbers(3), "axes": Table.rotation}),
+_SHAPE_READERS: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
+    "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,
         "radius",
-        {"cylinder": Table.number, "length": Table.number, "center": numbers(3), "axis": numbers(3)},
+        {"cylinder": Table.number, "length": Table.number, "center": numbers_key(3), "axis": numbers_key(3)},
     ),
-    "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers(3)}),
+    "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
 BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
-    "center_of_mass": numbers(3),
-    "inertia": _inertia,
-    "shapes": _shapes,
+    "center_of_mass": numbers_key(3),
+    "inertia": _read_inertia,
+    "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_BODIES: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_BODY_READERS: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 _ROBOT: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
-_PLANAR: Final[Mapping[str, Key]] = {"u1": numbers(2), "u2": numbers(2), "name": Table.text, **_BODIES}
+_PLANAR: Final[Mapping[str, Key]] = {"u1": numbers_key(2), "u2": numbers_key(2), "name": Table.text, **_BODY_READERS}
 PAIR_KEYS: Final[Mapping[str, Key]] = {
-    **{"u1": numbers(3), "u2": numbers(3), "n": numbers(3), "home": Table.rotation, "limits": numbers(2)},
-    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODIES},
+    **{
+        "u1": numbers_key(3),
+        "u2": numbers_key(3),
+        "n": numbers_key(3),
+        "home": Table.rotation,
+        "limits": numbers_key(2),
+    },
+    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODY_READERS},
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
 KEYS: Final = (*PAIR_KEYS, *_ROBOT)
@@ -86,9 +92,9 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_ROBOT, **_BODIES}:
+        if key not in {**_ROBOT, **_BODY_READERS}:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
-    values = table.read({**_ROBOT, **_BODIES}, _ROBOT)
+    values = table.read({**_ROBOT, **_BODY_READERS}, _ROBOT)
     return replace(made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
 
 

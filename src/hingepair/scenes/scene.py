@@ -27,7 +27,7 @@ from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, 
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, Sampled
 from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion, quaternion_columns
-from hingepair.scenes.motion import LimitWatch, Motion, degree_suspicions, kink_sentences, massive
+from hingepair.scenes.motion import LimitWatch, Motion, constant_suspicions, kink_sentences, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
 
 _TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
 _MECHANISM_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
-_LEVELS = {
+_SCENE_OUTPUT_LEVELS = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
 }
-COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
+COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Outputs of a scene that are not of the equations: its coordinates, all or psi alone, and their derivatives."""
 _QUATERNIONS: Final = {"quat1": "S1", "quat2": "S2"}
-SCENE_OUTPUTS: Final = (*COORDINATES, *_QUATERNIONS)
+SCENE_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_QUATERNIONS)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -96,7 +96,7 @@ class SceneResult(Frozen, Result):
         """
         names, state = self.names, self.state.arrays()
         if names is None:
-            names = (*state, *(name for name in ("psi", "psid", "psidd") if _level(name) <= self.known.level))
+            names = (*state, *(name for name in ("psi", "psid", "psidd") if _output_level(name) <= self.known.level))
         found: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
         for name in names:
             own = self._components(name) if name in SCENE_OUTPUTS else {}
@@ -136,9 +136,13 @@ class SceneResult(Frozen, Result):
         if name in _QUATERNIONS:
             S = getattr(self.state, _QUATERNIONS[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
-        if _level(name) > self.known.level:
+        if _output_level(name) > self.known.level:
             return {}
-        return self.known.logged(_level(name)) if name[0] == "q" else {name: self.known.hinge_angle(_level(name))}
+        return (
+            self.known.logged(_output_level(name))
+            if name[0] == "q"
+            else {name: self.known.hinge_angle(_output_level(name))}
+        )
 
     def __getattr__(self, name: str) -> Any:
         if name in SCENE_OUTPUTS:
@@ -214,8 +218,8 @@ class Scene(Sampled):
 
     def beside(self, level: int) -> tuple[str, ...]:
         """Return those of SCENE_OUTPUTS that there are in space or in the plane, up to a derivative."""
-        names = SCENE_OUTPUTS if self.kind == SPATIAL else COORDINATES
-        return tuple(name for name in names if _level(name) <= level)
+        names = SCENE_OUTPUTS if self.kind == SPATIAL else COORDINATE_OUTPUTS
+        return tuple(name for name in names if _output_level(name) <= level)
 
     @property
     def instants(self) -> Instants:
@@ -397,9 +401,9 @@ class Scene(Sampled):
             ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
                 gravity of its own.
         """
-        from hingepair.scenes.forces import forces_of
+        from hingepair.scenes.forces import pair_scene_forces
 
-        return forces_of(self.motion, self.pair, self.times(), gravity, self.title, self.files)
+        return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences that a reader of the results should see: psi past its limits, kinks, doubtful units."""
@@ -417,10 +421,10 @@ class Scene(Sampled):
         if outputs is None:
             return self.outputs
         names, level = check_outputs(outputs, (*self.kind.levels, *SCENE_OUTPUTS)), self.motion.level
-        known = *(name for name in self.kind.levels if _level(name) <= level), *self.beside(level)
+        known = *(name for name in self.kind.levels if _output_level(name) <= level), *self.beside(level)
         for name in names:
             if name not in known:
-                hint = self.motion.hint if _level(name) > level else ""
+                hint = self.motion.hint if _output_level(name) > level else ""
                 raise ArgumentError("outputs", choices(known) + hint, quoted(name))
         return names
 
@@ -428,8 +432,8 @@ class Scene(Sampled):
         """Return the outputs of the equations that are needed, and the order of derivatives that all outputs need."""
         if names is None:
             return None, self.motion.level
-        own = (_QUATERNIONS.get(name, name) for name in names if name not in COORDINATES)
-        return tuple(dict.fromkeys(own)), max(map(_level, names))
+        own = (_QUATERNIONS.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
+        return tuple(dict.fromkeys(own)), max(map(_output_level, names))
 
 
 class Notes:
@@ -454,8 +458,8 @@ class Notes:
         motion, samples = self._scene.motion, self._scene.samples
         least, most = self._psi.least, self._psi.most
         found = [
-            *degree_suspicions("limits of psi", self._scene.space.limits or ()),
-            *degree_suspicions("psi", (most,) * (least == most)),
+            *constant_suspicions("limits of psi", self._scene.space.limits or ()),
+            *constant_suspicions("psi", (most,) * (least == most)),
             *self._psi.sentences(samples),
             *(self._psid.sentences(samples) if self._psid is not None else ()),
             *kink_sentences(self._kinks),
@@ -482,12 +486,12 @@ def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismSc
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
-    files = tuple(file.absolute() for file in _files(tables, Path(path)))
+    files = tuple(file.absolute() for file in _source_files(tables, Path(path)))
     if _is_of_mechanism(tables):
         from hingepair.scenes.mechanisms.scene import read_mechanism_scene
 
         return read_mechanism_scene(tables, Path(path), files)
-    pair, outputs = _pair(tables), tables.table("outputs", required=False)
+    pair, outputs = _read_pair(tables), tables.table("outputs", required=False)
     motion = _read_motion(tables, Path(path).parent, pair)
     constants = {key: float(value) for key, value in tables.constants.items()}
     scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files, tables)
@@ -507,7 +511,7 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
-    return _pair(load_tables(path))
+    return _read_pair(load_tables(path))
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
@@ -533,7 +537,7 @@ def load_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
     from hingepair.scenes.simulated_motion import read_setup
 
     tables = load_tables(path)
-    return read_setup(tables.table("dynamics"), _pair(tables)) if "dynamics" in tables.values else None
+    return read_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:
@@ -579,7 +583,7 @@ def _is_of_mechanism(tables: Table) -> bool:
     return not tables.values.keys().isdisjoint({"mechanism", "joint"})
 
 
-def _pair(tables: Table) -> HingePair | PlanarPair:
+def _read_pair(tables: Table) -> HingePair | PlanarPair:
     if _is_of_mechanism(tables):
         tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
     return read_pair(tables.table("pair"), tables.flag("planar"))
@@ -615,15 +619,15 @@ def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     Raises:
         SceneError: the file cannot be read.
     """
-    return _files(read_tables(path), Path(path))
+    return _source_files(read_tables(path), Path(path))
 
 
-def _files(tables: Table, path: Path) -> tuple[Path, ...]:
+def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
     named = (("mechanism", "urdf"), ("motion", "file"))
     files = [tables.table(table, required=False).values.get(key) for table, key in named]
     return (path, *(path.parent / file for file in files if isinstance(file, str)))
 
 
-def _level(output: str) -> int:
+def _output_level(output: str) -> int:
     """Return the order of the derivatives that an output needs."""
-    return _LEVELS.get(output.rstrip("12"), POSE)
+    return _SCENE_OUTPUT_LEVELS.get(output.rstrip("12"), POSE)

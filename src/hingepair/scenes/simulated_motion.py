@@ -21,11 +21,11 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.rotations.matrices import rotation_exp
-from hingepair.scenes.expression_motion import read_coordinates
+from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import held_instants
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
-from hingepair.scenes.tables import Key, Place, Table, numbers
+from hingepair.scenes.tables import Key, Place, Table, numbers_key
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
@@ -33,9 +33,9 @@ from hingepair.symbolic.time_functions import TimeFunctions
 
 PRESCRIBED: Final = "prescribed"
 
-_LETTERS: Final = ("psi", "psid")
+_HINGE_VARIABLES: Final = ("psi", "psid")
 _STOPS: Final = ("stop_stiffness", "stop_damping", "stop_restitution")
-_HINGE: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", *_STOPS)
+_HINGE_LOAD_KEYS: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", *_STOPS)
 _START: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 _ARGUMENTS: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
 """Keys by the arguments of `simulate` that they become."""
@@ -43,17 +43,19 @@ _ARGUMENTS: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_
 
 def _functions(table: Table, keys: tuple[str, ...]) -> Any:
     """Read the numbers of some keys, or a callable of (t, psi, psi') that returns them."""
-    known = {**table.constants, **dict.fromkeys(_LETTERS, 0.0)}
+    known = {**table.constants, **dict.fromkeys(_HINGE_VARIABLES, 0.0)}
     found = []
     for key in keys:
         value = table.values.get(key)
         with table.naming(key):
             found.append(
-                parse_expression(key, value, known, _LETTERS) if isinstance(value, str) else exact(table.number(key))
+                parse_expression(key, value, known, _HINGE_VARIABLES)
+                if isinstance(value, str)
+                else exact(table.number(key))
             )
     with table.naming():
         if any(expression.free_symbols for expression in found):
-            return TimeFunctions(found, keys, _LETTERS).values
+            return TimeFunctions(found, keys, _HINGE_VARIABLES).values
         return [constant_value(expression) for expression in found]
 
 
@@ -63,7 +65,7 @@ def _torque(table: Table, key: str) -> Any:
     return (lambda t, psi, psid: found(t, psi, psid)[0]) if callable(found) else found[0]
 
 
-def _load(table: Table, key: str, size: int) -> Any:
+def _read_load(table: Table, key: str, size: int) -> Any:
     """Read a force or a torque on a body: numbers, or a callable of (t, now)."""
     if size == 1:
         one = _torque(table, key)
@@ -82,7 +84,7 @@ def _stops(table: Table, key: str) -> Any:
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
-def _instants(table: Table, key: str) -> list[Any]:
+def _read_instants(table: Table, key: str) -> list[Any]:
     """Read instants, as many as there are."""
     value = table.values[key]
     return table.numbers(key, len(value) if isinstance(value, list) else 1)
@@ -90,16 +92,16 @@ def _instants(table: Table, key: str) -> list[Any]:
 
 def _keys(size: int) -> dict[str, Key]:
     """Return the keys of [dynamics] and their readers, for vectors of so many components."""
-    vector, turn = numbers(size), Table.number if size == 2 else numbers(3)
-    force, torque = partial(_load, size=size), partial(_load, size=1 if size == 2 else 3)
+    vector, turn = numbers_key(size), Table.number if size == 2 else numbers_key(3)
+    force, torque = partial(_read_load, size=size), partial(_read_load, size=1 if size == 2 else 3)
     return {
         **({"phi_0": Table.number} if size == 2 else {"S1_0": Table.rotation}),
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
-        **{"hinge_torque": _torque, "stops": _stops, **dict.fromkeys(_HINGE, Table.number)},
+        **{"hinge_torque": _torque, "stops": _stops, **dict.fromkeys(_HINGE_LOAD_KEYS, Table.number)},
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
         **{
             "tol": Table.number,
-            "breaks": _instants,
+            "breaks": _read_instants,
             "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
         },
     }
@@ -133,7 +135,7 @@ def read_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
     others = table.read(_keys(2 if planar else 3))
     base = others.pop("base", BASES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _START if key in others}
-    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE, "stops") if key in others}
+    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
@@ -141,8 +143,8 @@ def read_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
     if base == PRESCRIBED:
         for key in start:
             table.fail(key, f"nothing beside base = {PRESCRIBED!r}, whose body 1 moves as [motion] says")
-    body1 = None if base == PRESCRIBED else _start(table, start, planar)
-    for letter in _LETTERS:
+    body1 = None if base == PRESCRIBED else _read_start(table, start, planar)
+    for letter in _HINGE_VARIABLES:
         if letter in table.constants:
             own = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
             Place(table.file, "motion.constants").refuse(letter, f"another name: {own}", repr(letter))
@@ -176,11 +178,11 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
         errors = {"rad of body 1": LazyValue(lambda: found.error_estimate), **errors}
     how = f"simulated in {found.steps} steps, base {kind}"
     return Motion(
-        t, _known(found), "simulated from what acts", how, errors, simulated=found, stops=torque.tightest_stops
+        t, _known_motion(found), "simulated from what acts", how, errors, simulated=found, stops=torque.tightest_stops
     )
 
 
-def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordinates:
+def _known_motion(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordinates:
     hinge = found.psi, found.psid, found.psidd
     if isinstance(found, SimulatedMotion):
         return ByBody1(found.body1, hinge)
@@ -189,7 +191,7 @@ def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordi
     return ByCoordinates(len(found.t), tuple((*vector.T[:2], angle, psi) for vector, angle, psi in rows), None)
 
 
-def _start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
+def _read_start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
     """Return the start of body 1; at rest at the origin unless given."""
     R, v = ((*given.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
@@ -202,7 +204,7 @@ def _start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
 def _carried(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Return a callable of t for body 1 as the coordinates of [motion] move it."""
     names = PLANAR_COORDINATES if isinstance(pair, PlanarPair) else COORDINATES
-    functions, sequence = read_coordinates(motion, names[:-1])
+    functions, sequence = read_coordinate_functions(motion, names[:-1])
 
     def moved(t: Float64Array) -> BodyMotion:
         rows = tuple((*row, 0.0) for row in functions.derivatives(t, ACCELERATION))

@@ -15,7 +15,7 @@ from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointe
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
 
-MAX_BYTES: Final = 1_000_000
+MAX_TABLE_BYTES: Final = 1_000_000
 MAX_KEY_PARTS: Final = 16
 """Of a dotted key; the time to read one grows with the square of its parts."""
 
@@ -226,7 +226,7 @@ Key: TypeAlias = Callable[[Table, str], Any]
 """Reads a key out of a table, or refuses what it holds: `Table.number`, `numbers(3)` and the like."""
 
 
-def numbers(*shape: int) -> Key:
+def numbers_key(*shape: int) -> Key:
     """Return a reader of finite numbers of a given shape."""
     return lambda table, key: table.numbers(key, *shape)
 
@@ -246,12 +246,12 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     file = name if name.isprintable() and name else repr(name)
     try:
         with Path(name).open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
+            content = stream.read(MAX_TABLE_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SceneError(file, "a scene file that can be read", reason) from None
-    if len(content) > MAX_BYTES:
-        raise SceneError(file, f"at most {MAX_BYTES} bytes", "a larger file")
+    if len(content) > MAX_TABLE_BYTES:
+        raise SceneError(file, f"at most {MAX_TABLE_BYTES} bytes", "a larger file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -24,7 +24,7 @@ from hingepair.numeric.arrays import Float64Array
 
 PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
 MAX_POINTS: Final = 200
-_SHAPES: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
+_PROFILE_POLYNOMIALS: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
 """Coefficients of the way from 0 to 1 in the time from 0 to 1."""
 _SAME: Final = 1e-9  # of the size of a derivative: a smaller jump is rounding
 
@@ -92,7 +92,9 @@ def through(
     """
     if profile == "trapezoid":
         return _trapezoids(t, values, speed, acceleration)
-    pieces = _spline(t, values) if profile == "spline" else _each(t, values, _SHAPES[profile])
+    pieces = (
+        _spline(t, values) if profile == "spline" else _profile_coefficients(t, values, _PROFILE_POLYNOMIALS[profile])
+    )
     found = _made(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
         if profile == "linear" and k == 2 and limit < math.inf:
@@ -104,7 +106,7 @@ def through(
     return found
 
 
-def _each(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Float64Array:
+def _profile_coefficients(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Float64Array:
     """Return coefficients of polynomials that go from point to point, each in one shape of the way from 0 to 1."""
     powers = np.diff(t)[:, None] ** np.arange(len(shape))
     found: Float64Array = np.diff(values)[:, None] * np.array(shape) / powers

@@ -37,7 +37,14 @@ from hingepair.scenes.tables import Table
 
 _PAYLOAD: Final = ("mechanism", "payload")
 _MAX_SIZE: Final = 1e100  # of mass, lever and inertia, in SI units; products of three of them do not overflow
-_PAIRS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # entries of a second moment, in their order
+_MOMENT_ENTRIES: Final = (
+    (0, 0),
+    (0, 1),
+    (0, 2),
+    (1, 1),
+    (1, 2),
+    (2, 2),
+)  # entries of a second moment, in their order
 
 
 class _Varied(NamedTuple):
@@ -94,7 +101,8 @@ class _Payload(NamedTuple):
         entries = [[Twofold(inertia[:, i, j]) for j in range(3)] for i in range(3)]
         half = (entries[0][0] + entries[1][1] + entries[2][2]) * Twofold(0.5)
         second = [
-            (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j]) for i, j in _PAIRS
+            (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j])
+            for i, j in _MOMENT_ENTRIES
         ]
         return [Twofold(mass), *first, *second]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.whole_file import whole_file
 
-ENDINGS: Final = (".parquet", ".zarr")
+STORE_SUFFIXES: Final = (".parquet", ".zarr")
 """Endings of stores."""
 
 Columns = Mapping[str, NDArray[Any]]
@@ -32,7 +32,7 @@ class Store:
     them are there, and the folder goes.
 
     Args:
-        path: of the store; ends in one of `ENDINGS`.
+        path: of the store; ends in one of `STORE_SUFFIXES`.
         identity: what the sweep is, in full: chunks of another one are not taken.
 
     Raises:
@@ -40,8 +40,8 @@ class Store:
     """
 
     def __init__(self, path: Path, identity: str) -> None:
-        if path.suffix.lower() not in ENDINGS:
-            raise ArgumentError("out", f"a name that ends in {' or '.join(ENDINGS)}", quoted(str(path)))
+        if path.suffix.lower() not in STORE_SUFFIXES:
+            raise ArgumentError("out", f"a name that ends in {' or '.join(STORE_SUFFIXES)}", quoted(str(path)))
         if path.exists():
             raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(path)))
         self.path, self.identity = path, identity
@@ -124,14 +124,14 @@ def _write_parquet(store: Store, chunks: int, _: int) -> None:
     with contextlib.ExitStack() as opened:
         file = opened.enter_context(whole_file(store.path))
         for chunk in range(chunks):
-            table = pa.table(_rows(store.read(chunk)))
+            table = pa.table(_number_columns(store.read(chunk)))
             if writer is None:
                 schema = table.schema.with_metadata({"sweep": store.identity})
                 writer = opened.enter_context(parquet.ParquetWriter(file, schema))
             writer.write_table(table.replace_schema_metadata(schema.metadata))
 
 
-def _rows(columns: Columns) -> dict[str, NDArray[Any]]:
+def _number_columns(columns: Columns) -> dict[str, NDArray[Any]]:
     """Return columns of one number each: where variants have instants, a row for each of both."""
     if "t" not in columns:
         return dict(columns)
@@ -142,12 +142,12 @@ def _rows(columns: Columns) -> dict[str, NDArray[Any]]:
             found[name] = np.repeat(array, samples)
         else:
             flat = array.reshape(count * samples, -1)
-            endings = _endings(array.shape[2:])
+            endings = _component_suffixes(array.shape[2:])
             found |= {f"{name}{ending}": np.ascontiguousarray(flat[:, k]) for k, ending in enumerate(endings)}
     return found
 
 
-def _endings(tail: tuple[int, ...]) -> list[str]:
+def _component_suffixes(tail: tuple[int, ...]) -> list[str]:
     letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(tail)]
     return [f"_{own}" if own else "" for own in letters]
 

@@ -27,7 +27,7 @@ from hingepair.sweeps.reductions import NAMES, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import Variants, check_number, parse_key
 
-_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
+_SWEEP_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
 _CHUNK_STATES: Final = 200_000  # states of a chunk, likewise
@@ -53,7 +53,7 @@ class Sweep:
     """
 
     title: str
-    job: Job
+    job: SweepTask
     keys: tuple[str, ...]
     numbers: Float64Array
     chunk: int
@@ -76,7 +76,7 @@ class Sweep:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class SweepTask:
     """What a worker needs of a sweep; it can be pickled.
 
     Attributes:
@@ -103,7 +103,7 @@ def load_sweep(path: str | Path) -> Sweep:
     table = read_tables(path)
     if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
-    table.check_keys(_KEYS)
+    table.check_keys(_SWEEP_KEYS)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)
     design = table.choice("design", DESIGNS)
@@ -116,7 +116,7 @@ def load_sweep(path: str | Path) -> Sweep:
         if own.key in {other.key for other in varied[:i]}:
             entry.refuse("key", "a number that is varied once", quoted(own.key))
         check_number(entry, scene.values, parse_key(entry, own.key))
-    samples, seed, chunk = (_whole(table, *one) for one in (("samples", 1), ("seed", 0), ("chunk", 1)))
+    samples, seed, chunk = (_read_whole_number(table, *one) for one in (("samples", 1), ("seed", 0), ("chunk", 1)))
     if design == "grid":
         for name in ("samples", "seed"):
             if name in table.values:
@@ -128,7 +128,7 @@ def load_sweep(path: str | Path) -> Sweep:
             table.refuse("reduce", f"{choices(NAMES)}; of quantiles any, such as q2.5", quoted(name))
     files = (Path(path), *scene_files(scene_path))
     contents = json.dumps(scene.values, sort_keys=True, default=str)
-    job = Job(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
+    job = SweepTask(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
     first = _variants(job)
     with table.naming("outputs"), compile_at_first_call():
         try:
@@ -153,7 +153,7 @@ def _entry(table: Table, number: int, values: dict[str, Any]) -> Table:
     return Table(table.file, f"vary[{number}]", values, table.constants)
 
 
-def _whole(table: Table, name: str, least: int) -> int | None:
+def _read_whole_number(table: Table, name: str, least: int) -> int | None:
     value = table.values.get(name)
     if value is None:
         return None
@@ -171,7 +171,7 @@ def _names(table: Table, name: str) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(value))
 
 
-def _identity(job: Job, numbers: Float64Array, chunk: int, files: Sequence[Path]) -> str:
+def _identity(job: SweepTask, numbers: Float64Array, chunk: int, files: Sequence[Path]) -> str:
     """Return all that the results depend on, as JSON."""
     from hingepair import __version__
 
@@ -244,11 +244,11 @@ def _run(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progre
         raise
 
 
-Add = Callable[[int, Mapping[str, NDArray[Any]]], None]
+ChunkWriter = Callable[[int, Mapping[str, NDArray[Any]]], None]
 """Takes the number and the results of a finished chunk."""
 
 
-def _on_threads(sweep: Sweep, missing: Sequence[int], add: Add, threads: int) -> None:
+def _on_threads(sweep: Sweep, missing: Sequence[int], add: ChunkWriter, threads: int) -> None:
     """Compute chunks on threads of this process."""
     import dask
 
@@ -262,7 +262,7 @@ def _on_threads(sweep: Sweep, missing: Sequence[int], add: Add, threads: int) ->
     except (HingePairError, MemoryError, OSError):
         raise
     except Exception as error:
-        raise _named(error, "all chunks") from error
+        raise _chunk_error(error, "all chunks") from error
 
 
 def _client(scheduler: str) -> Any:
@@ -284,7 +284,7 @@ def _client(scheduler: str) -> Any:
         raise ArgumentError("scheduler", expected, f"{scheduler!r} ({str(error).splitlines()[0]})") from None
 
 
-def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: Add) -> None:
+def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: ChunkWriter) -> None:
     """Compute chunks on the workers of a cluster; a chunk whose worker dies is computed by another."""
     from distributed import as_completed
 
@@ -306,7 +306,7 @@ def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: Add) -> 
                 if future.status == "cancelled":
                     expected = "a dask.distributed scheduler that runs until the sweep is done"
                     raise ArgumentError("scheduler", expected, f"none any more at chunk {number}")
-                raise _named(future.exception(), f"chunk {number}") from None
+                raise _chunk_error(future.exception(), f"chunk {number}") from None
             add(number, future.result())
             future.release()
     finally:
@@ -317,7 +317,7 @@ def _key(sweep: Sweep) -> str:
     return f"hingepair-sweep-{hashlib.sha256(sweep.identity.encode()).hexdigest()[:16]}"
 
 
-def _named(error: Any, where: str) -> Exception:
+def _chunk_error(error: Any, where: str) -> Exception:
     """Return an error that names a chunk."""
     if isinstance(error, ArgumentError):
         return error
@@ -327,7 +327,7 @@ def _named(error: Any, where: str) -> Exception:
     return ArgumentError("sweep", f"workers that finish {where}", f"{type(error).__name__}: {error}")
 
 
-def compute_chunk(job: Job, chunk: int, first: int, numbers: Float64Array) -> dict[str, NDArray[Any]]:
+def compute_chunk(job: SweepTask, chunk: int, first: int, numbers: Float64Array) -> dict[str, NDArray[Any]]:
     """Compute some variants of a sweep: what a task does.
 
     Args:
@@ -364,7 +364,7 @@ def compute_chunk(job: Job, chunk: int, first: int, numbers: Float64Array) -> di
 
 
 def _one_by_one(
-    variants: Variants, job: Job, chunk: int, first: int, numbers: Float64Array
+    variants: Variants, job: SweepTask, chunk: int, first: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
     """Yield what is kept of each variant; arguments and errors are those of `compute_chunk`."""
     for i, row in enumerate(numbers):
@@ -376,13 +376,13 @@ def _one_by_one(
             raise ArgumentError(where, error.expected, error.got) from None
 
 
-def _described(job: Job, variant: int, row: Float64Array) -> str:
+def _described(job: SweepTask, variant: int, row: Float64Array) -> str:
     """Return how messages name a variant: by its number and its values."""
     values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(job.keys, row.tolist(), strict=True))
     return f"variant {variant} ({values})"
 
 
-def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: Job) -> dict[str, NDArray[Any]]:
+def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: SweepTask) -> dict[str, NDArray[Any]]:
     """Return the reductions of variants, (variants,) each, or "t" and all outputs, (variants, samples, ...)."""
     if job.reductions:
         return {**reduce_arrays(t, arrays, job.reductions)}
@@ -393,14 +393,14 @@ def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: Job) -> dict
 _LOCK = threading.Lock()  # of what the threads of a worker share
 
 
-def _variants(job: Job) -> Variants:
+def _variants(job: SweepTask) -> Variants:
     """Return the variants of a job, which a worker makes once."""
     with _LOCK:
         return _made_variants(job)
 
 
 @functools.lru_cache(maxsize=4)
-def _made_variants(job: Job) -> Variants:
+def _made_variants(job: SweepTask) -> Variants:
     values = json.loads(job.tables)
     keys = [parse_key(Table("", "", {}, {}), key) for key in job.keys]
     return Variants(job.path, values, keys, job.outputs)

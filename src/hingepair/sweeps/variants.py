@@ -15,15 +15,15 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
-from hingepair.scenes.forces import forces_of
+from hingepair.scenes.forces import pair_scene_forces
 from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
-from hingepair.scenes.scene import COORDINATES, SCENE_OUTPUTS, Scene, scene_of, with_constants
-from hingepair.scenes.tables import Key, Table, numbers
+from hingepair.scenes.scene import COORDINATE_OUTPUTS, SCENE_OUTPUTS, Scene, scene_of, with_constants
+from hingepair.scenes.tables import Key, Table, numbers_key
 from hingepair.sweeps.payloads import PayloadVariants, payload_variants
 
-FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
+FORCE_OUTPUTS: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
 _STEP: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
@@ -116,7 +116,7 @@ class Variants:
         if self._kept and isinstance(self._scene, Scene):
             motion = self._scene.motion
             given, sequence = motion.given, self._scene.sequence
-            if sequence is not None and self._outputs and not {*COORDINATES[:3]} & {*self._outputs}:
+            if sequence is not None and self._outputs and not {*COORDINATE_OUTPUTS[:3]} & {*self._outputs}:
                 given, sequence = given.part(slice(None), motion.level).in_space(self._scene.pair), None
             self._scene = replace(
                 self._scene, motion=replace(motion, given=HeldMotion(given, motion.level, sequence))
@@ -190,8 +190,8 @@ def _with_plain_numbers(table: Table, keys: Sequence[Sequence[str | int]]) -> di
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
-    readers: dict[str, Key] = {"u1": numbers(size), "u2": numbers(size), "n": numbers(3)}
-    readers |= {"home": Table.rotation, "limits": numbers(2)}
+    readers: dict[str, Key] = {"u1": numbers_key(size), "u2": numbers_key(size), "n": numbers_key(3)}
+    readers |= {"home": Table.rotation, "limits": numbers_key(2)}
     values = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
     for name in ("body1", "body2"):
         body = table.values.get(name, {})
@@ -210,9 +210,9 @@ def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str
 
 
 def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    acting = [name for name in outputs or () if name in FORCES]
-    moving = None if outputs is None else [name for name in outputs if name not in FORCES]
-    known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCES)
+    acting = [name for name in outputs or () if name in FORCE_OUTPUTS]
+    moving = None if outputs is None else [name for name in outputs if name not in FORCE_OUTPUTS]
+    known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCE_OUTPUTS)
     for name in outputs or ():
         if name not in known:
             raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
@@ -223,7 +223,7 @@ def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Flo
         if scene.motion.level < ACCELERATION:
             scene.tables.refuse("motion", "a motion with accelerations, which forces need", scene.motion.origin)
         quiet = replace(scene.motion, derived=None)  # the noise of a log is not looked for in each variant
-        forces = forces_of(quiet, scene.pair, scene.times(), None, scene.title, scene.files).recorded()
+        forces = pair_scene_forces(quiet, scene.pair, scene.times(), None, scene.title, scene.files).recorded()
         for name in acting:
             if name not in forces:
                 scene.tables.refuse("pair", f"masses and a kind of pair that {name} needs", "none")

@@ -8,7 +8,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from hingepair.errors import URDFError
-from hingepair.urdf.records import Joint, Link, Robot
+from hingepair.urdf.records import Joint, LinkRecord, Robot
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
@@ -35,7 +35,7 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
         raise URDFError("URDF", "the element <robot>", f"<{root.tag}>")
     links, joints_at = defaultdict(list), defaultdict(list)
     for element in root.findall("link"):
-        link = Link(element, element.get("name", ""), snap)
+        link = LinkRecord(element, element.get("name", ""), snap)
         links[link.name].append(link)
     joints = [_joint(element, snap) for element in root.findall("joint")]
     for joint in joints:

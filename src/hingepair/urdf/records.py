@@ -20,7 +20,7 @@ import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, quoted
 from hingepair.rotations.sequences import find_sequence
-from hingepair.urdf.rigid import Inertia, Pose
+from hingepair.urdf.rigid import FramePose, Inertia
 
 HINGES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
@@ -54,7 +54,7 @@ class Visual(NamedTuple):
 
     kind: str
     sizes: tuple[float, ...]
-    pose: Pose
+    pose: FramePose
 
 
 class Mimic(NamedTuple):
@@ -71,7 +71,7 @@ class Mimic(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Link:
+class LinkRecord:
     """A link.
 
     Attributes:
@@ -137,7 +137,7 @@ class Joint:
     snap: float
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> FramePose:
         """Attitude of the child link at position 0, and its origin [m], in the parent link's axes."""
         return _pose(self.element.find("origin"), self._where, self.snap)
 
@@ -213,7 +213,7 @@ class Robot:
     """
 
     name: str
-    links: Mapping[str, Sequence[Link]]
+    links: Mapping[str, Sequence[LinkRecord]]
     joints: Sequence[Joint]
     joints_at: Mapping[str, Sequence[Joint]]
 
@@ -304,13 +304,13 @@ class Robot:
         return sorted(joints, key=lambda joint: joint.name, reverse=True)
 
 
-def _pose(origin: ET.Element | None, where: str, snap: float) -> Pose:
+def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
     """Return what the element <origin> says: xyz [m] and rpy, fixed-axis XYZ [rad]; nothing is moved without one."""
     xyz, rpy = (_numbers(origin, key, f"{where}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
     order = find_sequence("xyz")
     roll, pitch, yaw = order.angles(rpy)
     trig = tuple(part for angle in (roll, pitch, yaw) for part in sine_and_cosine(angle, snap))
-    return Pose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, np.array(xyz))
+    return FramePose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, np.array(xyz))
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:

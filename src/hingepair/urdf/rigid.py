@@ -10,22 +10,22 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array
 
 
-class Pose(NamedTuple):
+class FramePose(NamedTuple):
     """Rotation and origin of a frame, in the axes of another."""
 
     rotation: Float64Array
     origin: Float64Array
 
-    def placed(self, inner: Pose) -> Pose:
+    def placed(self, inner: FramePose) -> FramePose:
         """Return a pose that is given in this frame, in the frame that this one is given in."""
-        return Pose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
+        return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
-    def seen(self, other: Pose) -> Pose:
+    def seen(self, other: FramePose) -> FramePose:
         """Return a pose that is given in the same frame as this one, in this frame."""
-        return Pose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
+        return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
-HERE = Pose(np.eye(3), np.zeros(3))
+HERE = FramePose(np.eye(3), np.zeros(3))
 """The pose of a frame in itself."""
 
 
@@ -42,9 +42,9 @@ class Inertia(NamedTuple):
     centre: Float64Array
     tensor: Float64Array
 
-    def placed(self, pose: Pose) -> Inertia:
+    def placed(self, pose: FramePose) -> Inertia:
         """Return the same mass properties in the frame that `pose`, the pose of this frame, is given in."""
-        axes, centre = pose.placed(Pose(np.eye(3), self.centre))
+        axes, centre = pose.placed(FramePose(np.eye(3), self.centre))
         return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
 
 

@@ -14,7 +14,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY
-from hingepair.pair.forward_kinematics import read_coordinates
+from hingepair.pair.forward_kinematics import read_pair_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR, SPATIAL
@@ -113,8 +113,8 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    given = read_coordinates(PLANAR if planar else SPATIAL, q, qd, qdd).parts
-    flat = _samples(given, np.shape(state.R2)[:-1])
+    given = read_pair_coordinates(PLANAR if planar else SPATIAL, q, qd, qdd).parts
+    flat = _argument_arrays(given, np.shape(state.R2)[:-1])
     seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
     body1 = _body1_by_pinocchio(seven, "XYZ" if planar else sequence)
     sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in seven[1:]))
@@ -156,13 +156,13 @@ def cross_validate_from_body1(
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
-    flat = _samples(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
+    flat = _argument_arrays(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
     moving = BodyMotion(**{letter: flat[letter] for letter in letters})
     sizes = given_rate_sizes(moving.omega, moving.alpha)
     return _compared(pair, twin, state, moving, [flat[name] for name in angles], sizes, None)
 
 
-def _samples(given: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
+def _argument_arrays(given: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
     """Return the arguments at every sample as float64, shape (N, ...); all NaN where one of them is not finite."""
     found: dict[str, Float64Array] = {}
     for name, value in given.items():
@@ -185,7 +185,7 @@ def _compared(
     sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """Return the comparison of the state with Pinocchio's, for a motion from `_samples`."""
+    """Return the comparison of the state with Pinocchio's, for a motion from `_argument_arrays`."""
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
         u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,

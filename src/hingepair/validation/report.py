@@ -181,10 +181,10 @@ class CrossValidation(Shown):
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        lines = [title, *aligned([_OUTPUT_HEADING, *map(_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
+        lines = [title, *aligned([_OUTPUT_HEADING, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
         if self.forces:
             lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += aligned([_OUTPUT_HEADING, *map(_cells, self.forces)], {1, 2, 3, 4, 5})
+            lines += aligned([_OUTPUT_HEADING, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
         if self.rates:
             lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
             lines += aligned([_RATE_HEADING, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
@@ -195,7 +195,7 @@ class CrossValidation(Shown):
 
     def _sheet(self) -> Sheet:
         title = f"{self.name}: the equations against Pinocchio"
-        rows = (_OUTPUT_HEADING, *map(_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
+        rows = (_OUTPUT_HEADING, *map(_comparison_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
         return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:
@@ -215,7 +215,7 @@ def _rate_cells(row: RateComparison) -> tuple[str, ...]:
     return row.rate, row.of, error, f"{row.allowed:.2g}", str(row.worst_sample), str(row.samples), verdict
 
 
-def _cells(row: Comparison) -> tuple[str, ...]:
+def _comparison_cells(row: Comparison) -> tuple[str, ...]:
     if row.worst_sample is None:
         return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"

@@ -54,7 +54,7 @@ def cross_validate_robot(
         ours["forward_dynamics"], theirs["forward_dynamics"], singular = _left_over(
             robot, twin, samples, ours, theirs
         )
-    scales = _scales(robot, twin, samples, places, tips, fall, ours)
+    scales = _output_scales(robot, twin, samples, places, tips, fall, ours)
     labels = dict.fromkeys((*MOTION, "d"), names) | {"jacobian": tips, "tau": robot.names}
     labels["forward_dynamics"] = (*_BASE, *robot.names) if robot.base == "free" else robot.names
     rows = []
@@ -89,7 +89,7 @@ class _Samples:
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shapes)
         parts = {name: np.asarray(getattr(BASE_AT_REST, BASE_ATTRIBUTES[name])) for name in needed} | values.parts
-        flat = {name: _flat(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
+        flat = {name: _argument_samples(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
         finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
         self.finite = np.logical_and.reduce(finite)
         for array in flat.values():
@@ -102,7 +102,7 @@ class _Samples:
         self.u = unit_roundoff(np.float32 if single else np.float64)
 
 
-def _flat(part: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
+def _argument_samples(part: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
     """Return an argument, of components or an array, at every sample; shape (N, ...) with `rank` axes of its own."""
     array = np.stack(np.broadcast_arrays(*part), axis=-1) if isinstance(part, tuple) else np.asarray(part)
     tail = array.shape[array.ndim - rank :]
@@ -141,7 +141,7 @@ def _by_equations(
         loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if free else {}
         moved = robot.forward_dynamics(q, rates[0], forces.tau, gravity=gravity, **loads, **moving)
         found |= {name: (moved[name], 1) for name in moved.outputs}
-    return {name: _flat(value, shape, rank) for name, (value, rank) in found.items()}
+    return {name: _argument_samples(value, shape, rank) for name, (value, rank) in found.items()}
 
 
 def _by_pinocchio(
@@ -153,14 +153,14 @@ def _by_pinocchio(
         [twin.model.getFrameId(name, _frame_type(pin, robot, name)) for name in names] for names in (frames, tips)
     )
     states = _pinocchio_states(twin, samples)
-    columns = _columns(robot, twin, samples)
+    columns = _velocity_columns(robot, twin, samples)
     rows = []
     for i in range(len(samples.finite)):
         state = [one[i] for one in states]
         if not samples.finite[i]:
             state = [np.zeros_like(one) for one in state]
             state[0][6] = 1.0  # the scalar part of the base's quaternion
-        found = _motion(pin, twin, numbers, state) if numbers else {}
+        found = _frame_motion(pin, twin, numbers, state) if numbers else {}
         found |= _masses(pin, twin, of_tips, state, columns[i])
         if len(state) > 2:
             force = pin.rnea(twin.model, twin.data, *state)
@@ -182,7 +182,7 @@ def _pinocchio_states(twin: RobotTwin, samples: _Samples) -> list[Float64Array]:
     return [make(*joints[: k + 1], base) for k, make in enumerate(made[: len(joints)])]
 
 
-def _columns(robot: Mechanism, twin: RobotTwin, samples: _Samples) -> Float64Array:
+def _velocity_columns(robot: Mechanism, twin: RobotTwin, samples: _Samples) -> Float64Array:
     """Return Pinocchio's v for the velocities that the mass matrix is in; shape (N, nv, columns)."""
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     found = np.zeros((count, 6 + joints, 6 + dof))
@@ -199,7 +199,7 @@ def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
     return pin.FrameType.OP_FRAME if name in robot.tree.frames else pin.FrameType.JOINT
 
 
-def _motion(pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]) -> dict[str, Float64Array]:
+def _frame_motion(pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]) -> dict[str, Float64Array]:
     """Return the motion of frames at one state, and d: where they are if the base is at the origin."""
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
@@ -269,7 +269,7 @@ def _left_over(
         base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
     q, v = _pinocchio_states(twin, samples)[:2]
     a = twin.acceleration(samples.joints[0], samples.joints[1], ours["qdd"], base)
-    columns = _columns(robot, twin, samples)
+    columns = _velocity_columns(robot, twin, samples)
     expected = theirs["tau"]
     if robot.base == "free":
         expected = np.concatenate((theirs["force1"], theirs["torque1"], expected), axis=-1)
@@ -298,7 +298,7 @@ def _unresisted(robot: Mechanism, matrix: Float64Array) -> str:
     return f"nothing resists {names[int(np.argmax(np.abs(motion)))]}"
 
 
-def _scales(
+def _output_scales(
     robot: Mechanism,
     twin: RobotTwin,
     samples: _Samples,

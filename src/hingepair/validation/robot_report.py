@@ -139,7 +139,7 @@ class RobotValidation(Shown):
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]
-        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (unit, *notes, self.verdict))
+        return Sheet(title, (_HEADER, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict))
 
     def to_json(self) -> str:
         """Return the report as JSON; a number that is not finite is null."""
@@ -148,7 +148,7 @@ class RobotValidation(Shown):
         return json_text({**{name: getattr(self, name) for name in names}, "rows": rows})
 
 
-def _cells(row: RobotComparison) -> tuple[str, ...]:
+def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:
     if row.worst_sample is None:
         verdict = "not compared" if row.singular else "nothing compared"
         return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", verdict

@@ -24,7 +24,7 @@ from hingepair.pair.accuracy import norm
 from hingepair.pair.body_motion import BodyMotion
 
 MOTION = ("R", "S", "v", "omega", "a", "alpha")
-_LETTERS = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+_SCALE_SYMBOLS = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 
 
 class RobotScales:
@@ -65,7 +65,7 @@ class RobotScales:
         """Return the scales of R, S, v, omega, a and alpha of a frame; shape (N,) each."""
         size = _grown(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, slides=False)
         total = _added(self._sums[frame.body], size, 1.0)
-        return {"S": total["S"], **{name: total[letter] for name, letter in _LETTERS.items()}}
+        return {"S": total["S"], **{name: total[letter] for name, letter in _SCALE_SYMBOLS.items()}}
 
     def jacobian(self, frame: Frame) -> Float64Array:
         """Return the scales of the Jacobian of a frame, of the six columns of the base before those of the joints.

@@ -52,7 +52,7 @@ class RobotTwin:
             ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
         """
         base = self._of_base(base_motion, flyer_configuration)
-        return _side_by_side(base, self._of_joints("q", q) + self.offsets)
+        return _join_coordinates(base, self._of_joints("q", q) + self.offsets)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv), of q, qd, shape (..., dof), and of S, v and omega of the base.
@@ -61,7 +61,7 @@ class RobotTwin:
             ArgumentError: as `configuration`.
         """
         self._of_joints("q", q)
-        return _side_by_side(self._of_base(base_motion, flyer_velocity), self._of_joints("qd", qd))
+        return _join_coordinates(self._of_base(base_motion, flyer_velocity), self._of_joints("qd", qd))
 
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
@@ -72,7 +72,7 @@ class RobotTwin:
             ArgumentError: as `configuration`.
         """
         self._of_joints("q", q), self._of_joints("qd", qd)
-        return _side_by_side(self._of_base(base_motion, flyer_acceleration), self._of_joints("qdd", qdd))
+        return _join_coordinates(self._of_base(base_motion, flyer_acceleration), self._of_joints("qdd", qdd))
 
     def _of_joints(self, name: str, values: ArrayLike) -> Float64Array:
         own = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
@@ -125,9 +125,9 @@ def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
             placement = pin.SE3(np.array(frame.S), np.array(frame.R))
             model.addFrame(pin.Frame(name, root + frame.body, placement, kind))
     if robot.base == "free":
-        model.inertias[root] = _inertia(pin, tree.base)
+        model.inertias[root] = _pinocchio_inertia(pin, tree.base)
     for number, joint in enumerate(tree.joints, root + 1):  # after all frames: adding one rounds the masses
-        model.inertias[number] = _inertia(pin, joint.body)
+        model.inertias[number] = _pinocchio_inertia(pin, joint.body)
     columns = {joint.name: column for column, joint in enumerate(tree.coordinates)}
     ratios, offsets = np.zeros((len(tree.joints), len(columns))), np.zeros(len(tree.joints))
     for row, joint in enumerate(tree.joints):
@@ -137,13 +137,13 @@ def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
     return RobotTwin(model, model.createData(), flying, ratios, offsets)
 
 
-def _inertia(pin: Any, body: MassProperties) -> Any:
+def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
     inertia = pin.Inertia.Zero()  # its constructor refuses what no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
     return inertia
 
 
-def _side_by_side(base: list[Float64Array], joints: Float64Array) -> Float64Array:
+def _join_coordinates(base: list[Float64Array], joints: Float64Array) -> Float64Array:
     """Return the coordinates of the base and of the joints, broadcast, in one array."""
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in (*base, joints)))
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in (*base, joints)], axis=-1)

@@ -157,7 +157,7 @@ class JointNoise(NamedTuple):
         return noise, note
 
 
-def forces_of(
+def mechanism_scene_forces(
     robot: Mechanism,
     known: KnownJoints,
     gravity: tuple[float, ...],
@@ -178,12 +178,13 @@ def forces_of(
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
-    deviations, sentences = np.full(robot.dof, math.nan), list(_lost(arrays))
+    deviations, sentences = np.full(robot.dof, math.nan), list(_not_finite_note(arrays))
     if noise is not None and len(t) > ORDER:
         deviations, sentence = noise.of_torques(gravity, tau)
         sentences.append(sentence)
     loads = tuple(
-        _load(joint, i, t, known, tau[:, i], float(deviations[i])) for i, joint in enumerate(robot.tree.coordinates)
+        _joint_load(joint, i, t, known, tau[:, i], float(deviations[i]))
+        for i, joint in enumerate(robot.tree.coordinates)
     )
     notes = (*sentences, *(sentence for load in loads for sentence in _beyond(load, len(t))))
     return MechanismSceneForces(arrays=arrays, tau=tau, gravity=gravity, loads=loads, notes=notes, **record)
@@ -195,19 +196,19 @@ def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
-        sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit(load.effort_limit), use
+        sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit_text(load.effort_limit), use
         both = zip(load.position, load.position_limits, strict=True)
-        q = (text for value, limit in both for text in (cell(value), _limit(limit)))
+        q = (text for value, limit in both for text in (cell(value), _limit_text(limit)))
         noise = [f"{load.noise:.2g}"] if logged else []
-        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit(load.rate_limit), *noise))
+        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit_text(load.rate_limit), *noise))
     return rows
 
 
-def _limit(value: float) -> str:
+def _limit_text(value: float) -> str:
     return cell(value) if math.isfinite(value) else ""
 
 
-def _load(
+def _joint_load(
     joint: Joint, column: int, t: Float64Array, known: KnownJoints, tau: Float64Array, noise: float
 ) -> JointLoad:
     """Return what the motion takes of a joint; of instants that are finite."""
@@ -235,7 +236,7 @@ def _load(
     )
 
 
-def _lost(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+def _not_finite_note(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
     """Yield a sentence on instants whose forces are not finite, if there are any."""
     finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
     lost = int((~np.logical_and.reduce(finite)).sum())

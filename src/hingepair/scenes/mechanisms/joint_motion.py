@@ -222,7 +222,7 @@ class JointMotion:
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
     """Read the motion of the tables [motion], [base] and [time]; files are relative to the folder."""
     motion, base = tables.table("motion"), _read_base(tables)
-    _check_names(motion, robot)
+    _check_joint_names(motion, robot)
     of_base = (base.functions,) if base else ()
     if "file" in motion.values:
         if "time" in tables.values:
@@ -240,7 +240,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     return JointMotion(t, given, base, moving, "functions of t", functions=(functions, *of_base))
 
 
-def _check_names(motion: Table, robot: Mechanism) -> None:
+def _check_joint_names(motion: Table, robot: Mechanism) -> None:
     """Refuse joints whose names are keys of [motion], or whose columns in a file are those of others."""
     columns = {"t": "the instants"}
     for name in robot.names:

@@ -17,16 +17,16 @@ from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.pair_table import BODY_KEYS, PAIR_KEYS, made
-from hingepair.scenes.tables import Key, Place, Table, numbers
+from hingepair.scenes.tables import Key, Place, Table, numbers_key
 
 _SOURCES: Final = ("robot", "urdf")
 MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """What the table [mechanism] may hold."""
-KINDS: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
+JOINT_CLASSES: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Kinds of joints of [[joint]] tables."""
 JOINT_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEYS if key != "name"))
 """What a table [[joint]] may hold."""
-_FRAME: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers(3), "S": Table.rotation}
+_FRAME: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
 
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
@@ -100,7 +100,7 @@ def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
         joints[name] = replace(numbered, name=f"joint.{name}")
     carriers = {name: _carrier(joint, joints) for name, joint in joints.items()}
     order = _depth_first(joints, carriers)
-    pairs = [_pair(name, joints[name]) for name in order]
+    pairs = [_read_joint_pair(name, joints[name]) for name in order]
     above = [0 if carriers[name] is None else 1 + order.index(str(carriers[name])) for name in order]
     title = table.text("name", " ".join(printable(Path(table.file).stem).split()) or "mechanism")
     with Place(tables.file, "").naming(pairs="joint", parents="joint"):
@@ -133,8 +133,8 @@ def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]
     return order
 
 
-def _pair(name: str, table: Table) -> HingePair | Slider:
-    kind: Any = KINDS[table.choice("kind", tuple(KINDS))]
+def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
+    kind: Any = JOINT_CLASSES[table.choice("kind", tuple(JOINT_CLASSES))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )

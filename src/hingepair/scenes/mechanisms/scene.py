@@ -25,7 +25,7 @@ from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, Sampled
 from hingepair.scenes.log_noise import noise_rows
-from hingepair.scenes.mechanisms.forces import JointNoise, MechanismSceneForces, forces_of
+from hingepair.scenes.mechanisms.forces import JointNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
     RATES,
     JointCoordinates,
@@ -34,7 +34,7 @@ from hingepair.scenes.mechanisms.joint_motion import (
     read_joint_motion,
 )
 from hingepair.scenes.mechanisms.mechanism_table import read_gravity, read_mechanism
-from hingepair.scenes.motion import LimitWatch, degree_suspicions, kink_sentences
+from hingepair.scenes.motion import LimitWatch, constant_suspicions, kink_sentences
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ _OF_A_FRAME: Final = ("R", "S", "v", "omega", "a", "alpha")
 _COORDINATES: Final = ("q", "qd", "qdd")
 _JOINT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 _BASE_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
-_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_LEVELS, **_BASE_LEVELS}
+_MECHANISM_OUTPUT_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_LEVELS, **_BASE_LEVELS}
 _ORDINALS: Final = ("first", "second")
-OUTPUTS: Final = tuple(_LEVELS)
+MECHANISM_OUTPUTS: Final = tuple(_MECHANISM_OUTPUT_LEVELS)
 """Quantities that a scene of a mechanism can be asked for."""
 
 
-class Output(NamedTuple):
+class MechanismOutput(NamedTuple):
     """One output of a scene.
 
     Attributes:
@@ -97,7 +97,7 @@ class MechanismSceneResult(Frozen, Result):
     forces: MechanismForces | None
     scene: MechanismScene
     known: KnownJoints
-    outputs: tuple[Output, ...]
+    outputs: tuple[MechanismOutput, ...]
     first: int = 0
     _inner: ClassVar[frozenset[str]] = Result._inner | {"chosen", "first", "known", "outputs"}
 
@@ -342,12 +342,12 @@ class MechanismScene(Sampled):
         for rows in self.block_rows():
             yield self._part(rows, chosen, min(self.joint_motion.level, VELOCITY))
 
-    def _part(self, rows: Rows, outputs: tuple[Output, ...], least: int = 0) -> MechanismSceneResult:
+    def _part(self, rows: Rows, outputs: tuple[MechanismOutput, ...], least: int = 0) -> MechanismSceneResult:
         """Compute the outputs at some instants; derivatives up to the order `least` are kept beside them."""
-        levels = [_LEVELS[output.quantity] for output in outputs]
+        levels = [_MECHANISM_OUTPUT_LEVELS[output.quantity] for output in outputs]
         known = self.known(rows, max([*levels, least]))
         how: dict[str, Any] = {"base_motion": known.base, "backend": self.backend}
-        frames, wanted, acting = _needed(outputs)
+        frames, wanted, acting = _needed_quantities(outputs)
         state = forces = None
         if frames:
             order = max(_FRAME_LEVELS[name] for name in wanted)
@@ -370,9 +370,9 @@ class MechanismScene(Sampled):
             ArgumentError: as for `evaluate`.
         """
         chosen = self.outputs_of(outputs)
-        order = max(_LEVELS[output.quantity] for output in chosen)
+        order = max(_MECHANISM_OUTPUT_LEVELS[output.quantity] for output in chosen)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
-        frames, of_frames, acting = _needed(chosen)
+        frames, of_frames, acting = _needed_quantities(chosen)
         counted = {}
         if frames:
             arguments = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
@@ -387,7 +387,7 @@ class MechanismScene(Sampled):
         still = [name for i, name in enumerate(self.mechanism.names) if not np.ndim(known.derivatives[0][i])]
         return MechanismPlan(counted, tuple(still), order, self.joint_motion.level, known.base is None)
 
-    def outputs_of(self, outputs: Iterable[str] | None) -> tuple[Output, ...]:
+    def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
         """Return the outputs that are asked for; those of the file unless given, else the motion of what moves.
 
         Args:
@@ -400,39 +400,47 @@ class MechanismScene(Sampled):
         names = self.outputs if outputs is None else outputs
         if names is None:
             joints = self.joint_motion.moving
-            of_frames = [Output(name, self.frames) for name in _OF_A_FRAME if _LEVELS[name] <= level]
-            of_joints = [Output(name, (), joints) for name in _COORDINATES if _LEVELS[name] <= level]
+            of_frames = [
+                MechanismOutput(name, self.frames) for name in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[name] <= level
+            ]
+            of_joints = [
+                MechanismOutput(name, (), joints) for name in _COORDINATES if _MECHANISM_OUTPUT_LEVELS[name] <= level
+            ]
             return (*of_frames, *of_joints)
         try:
             asked = [] if isinstance(names, str) else list(names)
         except TypeError:
             asked = []
         if not asked:
-            raise ArgumentError("outputs", f"names out of {', '.join(OUTPUTS)}, or of frames", quoted(names))
+            raise ArgumentError(
+                "outputs", f"names out of {', '.join(MECHANISM_OUTPUTS)}, or of frames", quoted(names)
+            )
         return tuple(output for name in asked for output in self._output(name))
 
-    def _output(self, name: object) -> Iterator[Output]:
+    def _output(self, name: object) -> Iterator[MechanismOutput]:
         """Yield what a name asks for."""
         quantity, _, frame = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.joint_motion.level, self.mechanism
         if name in _FRAME_LEVELS:
-            asked = [Output(str(name), self.frames)]
-        elif name in _LEVELS:
-            asked = [Output(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
+            asked = [MechanismOutput(str(name), self.frames)]
+        elif name in _MECHANISM_OUTPUT_LEVELS:
+            asked = [MechanismOutput(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
-            asked = [Output(kind, (name,)) for kind in _OF_A_FRAME if _LEVELS[kind] <= level]
+            asked = [
+                MechanismOutput(kind, (name,)) for kind in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[kind] <= level
+            ]
         elif quantity in _FRAME_LEVELS and robot.tree.frame(frame) is not None:
-            asked = [Output(quantity, (frame,))]
+            asked = [MechanismOutput(quantity, (frame,))]
         elif quantity == "tau" and frame in robot.names:
-            asked = [Output(quantity, (), (frame,))]
+            asked = [MechanismOutput(quantity, (), (frame,))]
         else:
-            known = (*OUTPUTS, *robot.links, *robot.tree.frames)
+            known = (*MECHANISM_OUTPUTS, *robot.links, *robot.tree.frames)
             close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
             several = f"{choices(known)}, or both such as R_{self.frames[0]}" if self.frames else choices(known)
             raise ArgumentError("outputs", several + close, quoted(name))
         for output in asked:
-            if _LEVELS[output.quantity] > level:
-                kinds = choices([kind for kind in OUTPUTS if _LEVELS[kind] <= level])
+            if _MECHANISM_OUTPUT_LEVELS[output.quantity] > level:
+                kinds = choices([kind for kind in MECHANISM_OUTPUTS if _MECHANISM_OUTPUT_LEVELS[kind] <= level])
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
         yield from asked
 
@@ -481,7 +489,7 @@ class MechanismScene(Sampled):
         if motion.derived is not None:
             middle = self.known(noise_rows(len(t)), ACCELERATION)
             noise = JointNoise(self.mechanism, t, middle, motion.moving, motion.derived)
-        return forces_of(self.mechanism, known, fall, record, noise)
+        return mechanism_scene_forces(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences that a reader of the results should see: limits that are passed, kinks, doubtful units."""
@@ -495,7 +503,9 @@ class MechanismScene(Sampled):
         return MechanismNotes(self)
 
 
-def _needed(outputs: tuple[Output, ...]) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+def _needed_quantities(
+    outputs: tuple[MechanismOutput, ...],
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Return the frames, what is computed of frames, and what is computed of forces, for some outputs."""
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
@@ -566,8 +576,8 @@ class MechanismNotes:
             joint = joints[i]
             if order == 0 and joint.kind == "hinge":
                 limits = tuple(limit for limit in joint.position_limits if np.isfinite(limit))
-                sentences += degree_suspicions(f"limits of {joint.name}", limits)
-                sentences += degree_suspicions(joint.name, (watch.most,) * (watch.least == watch.most))
+                sentences += constant_suspicions(f"limits of {joint.name}", limits)
+                sentences += constant_suspicions(joint.name, (watch.most,) * (watch.least == watch.most))
         for _, _, watch in self._watches:
             sentences += watch.sentences(samples)
         return (*sentences, *kink_sentences(self._kinks), *self._scene.joint_motion.notes)
