@@ -195,9 +195,56 @@ def test_no_module_reads_private_names_of_another() -> None:
         assert not (own.read & somewhere) - own.made, module
 
 
+SHARED_NAMES = {
+    # the equation, and the function that computes it of arrays
+    *("skew", "unskew", "jacobian", "constraint_jacobian"),
+    # one quantity, of a pair and of a tree
+    *("kinetic_energy", "mass_matrix"),
+    # one alias of types, and the zero vector
+    *("Array", "Columns", "Tail", "Returned", "_ZERO"),
+    # one quantity, of a hinge and of a circle, or in a finding and in the command that prints it
+    *("_MAX_ACROSS_COMPONENT", "_MAX_AXIS_STD", "_MAX_CORRELATION", "_MAX_POINT_STD", "_MAX_RANKING_SAMPLES"),
+    *("_MAX_FIRST_SAMPLES", "_MEDIANS", "_MIN_CERTAIN_OFFSET", "_MIN_NOISE_SHARE", "_OUTLIER_SIZE"),
+    # one function, of results and of sweeps, of JSON in two wings, of pairs and of mechanisms
+    *("_component_suffixes", "_finite_or_none", "_not_finite_note"),
+}
+"""Names that stand in several modules and mean one thing in all of them."""
+
+UNSORTED_WINGS = {"dynamics", "engine", "integration", "mechanism", "pictures", "symbolic"}
+"""Wings whose names are not yet told apart."""
+
+
+def names_made_at_the_top(body: list[ast.stmt]) -> Iterator[str]:
+    """Yield the functions, classes and variables of a module; those that it imports are another's."""
+    for statement in body:
+        match statement:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name
+            case ast.Assign() | ast.AnnAssign():
+                targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+                nodes = itertools.chain.from_iterable(map(ast.walk, targets))
+                yield from (
+                    node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+                )
+            case ast.If() | ast.Try():
+                yield from names_made_at_the_top([*statement.body, *statement.orelse])
+
+
+def test_a_name_of_a_module_means_one_thing_in_the_package() -> None:
+    modules: dict[str, set[str]] = {}
+    for path in (p for p in SOURCES if p.relative_to(PACKAGE).parts[0] not in UNSORTED_WINGS):
+        for name in names_made_at_the_top(ast.parse(path.read_text()).body):
+            modules.setdefault(name, set()).add(str(path.relative_to(PACKAGE)))
+    repeated = {name for name, paths in modules.items() if len(paths) > 1 and not name.startswith("__")}
+    assert not {name: sorted(modules[name]) for name in repeated - SHARED_NAMES}, "rename them, or share one"
+    assert repeated >= SHARED_NAMES, "no longer repeated"
+
+
 @pytest.mark.parametrize(
     "wing",
     [
+        "bench",
+        "cli",
         "dynamics",
         "engine",
         "equations",

@@ -39,11 +39,10 @@ from hingepair.bench.truth import TRUTH_DIGITS, ExactResults, hard_states, rando
 from hingepair.pair.hinge_pair import HingePair
 
 HARD_ERROR_COLUMN = "on hard states"  # heading of a column of the table
-# Names of cases; the third and the fourth are the beginnings of names.
-CYCLE_CASE = "one state: FK, Jacobian, bias from a quaternion"
-CONSTRUCTION_CASE = "construction of a pair"
-FRESH_PROCESS_CASE = "a fresh process"
-OFFSETS_CASE = "outputs at offsets from a cache line"
+CYCLE_CASE = "one state: FK, Jacobian, bias from a quaternion"  # name of a case
+CONSTRUCTION_CASE = "construction of a pair"  # name of a case
+FRESH_PROCESS_CASE = "a fresh process"  # beginning of the names of cases
+OFFSETS_CASE = "outputs at offsets from a cache line"  # beginning of the names of cases
 OUTPUT_OFFSETS = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
 """Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
@@ -189,13 +188,14 @@ def measure_single_states(repeats: int) -> list[Row]:
     return make_rows(CYCLE_CASE, time_interleaved(jobs, repeats)) + make_rows(CONSTRUCTION_CASE, construction_times)
 
 
-# Code of a process that prints the time [s] from {timed} to its end; and code that is inserted into it.
+# Code of a process that prints the time from {timed} to its end [s].
 _TIMING_TEMPLATE = """
 import atexit, sys, time
 {before}
 atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr), time.perf_counter())
 {timed}
 """
+# Code that makes a pair and the arguments of calls of {sizes} samples.
 _PAIR_TEMPLATE = """
 import numpy as np
 import hingepair as hp
@@ -203,16 +203,19 @@ pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 rng = np.random.default_rng(0)
 calls = [(rng.normal(size=(n, 7) if n > 1 else 7), rng.normal(size=(n, 7) if n > 1 else 7)) for n in {sizes}]
 """
+# Code that makes the calls.
 _CALLS_TEMPLATE = "for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
+# The scene that a process runs.
 _SCENE_TEXT = """
 pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
 motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}
 time = {start = 0, stop = 10, samples = 10001}
 """
-_RUN_CODE = "from hingepair.cli.main import main; main()"
-# Names of cases, and the batch sizes of sequences of calls, by the name of the sequence.
+_RUN_CODE = "from hingepair.cli.main import main; main()"  # code of a command
+# names of cases
 IMPORT_CASE, RUN_CASE = f"{FRESH_PROCESS_CASE}: import", f"{FRESH_PROCESS_CASE}: hingepair run, reference scene"
-FIRST_CALL_NAME = "1 x 200,000"
+FIRST_CALL_NAME = "1 x 200,000"  # name of the sequence of one large call
+# Batch sizes of sequences of calls, as code, by the name of the sequence.
 CALL_SEQUENCES = {
     FIRST_CALL_NAME: "[200_000]",
     "1,000 x 1": "[1] * 1000",

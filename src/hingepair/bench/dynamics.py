@@ -58,10 +58,9 @@ DOP853_NAME, RADAU_NAME, LSODA_NAME = "SciPy DOP853, NumPy", "SciPy Radau", "Sci
 MAX_SIMULATION_ERROR = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
-# The simulation of a tumbling pair: instants [s], angular velocity at the start [rad/s], hinge spring [N m/rad].
-_SIMULATION_TIMES = np.linspace(0, 10, 101)
-_INITIAL_OMEGA = np.array([0.3, 1.5, -0.7])
-_SPRING_STIFFNESS = 3.0
+_SIMULATION_TIMES = np.linspace(0, 10, 101)  # [s], of the tumbling pair
+_INITIAL_OMEGA = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
+_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
 
 
 def make_massive_pair() -> HingePair:

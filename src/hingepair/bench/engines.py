@@ -36,9 +36,9 @@ MAX_LOOP_SAMPLES = 10**4
 
 # The C++ file with the loops over a pair, and the compiler flag that adds those of dynamics.
 PAIR_LOOP_SOURCE, DYNAMICS_FLAG = "pinocchio_loop.cpp", "-DDYNAMICS"
-# Flags and names of C++ compilers; the first one on the path is taken.
+# Flags of the C++ compiler.
 _COMPILER_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
-_COMPILERS = ("c++", "g++", "clang++")
+_COMPILERS = ("c++", "g++", "clang++")  # the first one on the path is taken
 # What a message says is needed for the C++ loops.
 _CPP_REQUIREMENTS = (
     "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"

@@ -38,9 +38,10 @@ HINGEPAIR_FIT_NAME, CONSTRAINTS_FIT_NAME, EQUATIONS_FIT_NAME = (
     "least_squares on E1, E2",
     "least_squares on E1, E5, every psi too",
 )
-AXIS_FIT_NAME = "hingepair.fit_axis"
+AXIS_FIT_NAME = "hingepair.fit_axis"  # name of a method
 QMT_GYROSCOPES_NAME, QMT_NAME = "qmt, gyroscopes alone", "qmt, accelerometers too"
 _RECORDINGS_COUNT = 5  # recordings of each length whose errors are averaged
+# Explains the errors below the table.
 _ERROR_NOTE = (
     "error: largest component of the errors of the hinge axis and, perpendicular to it, of the hinge point; "
     f"root mean square of {_RECORDINGS_COUNT} recordings"
@@ -54,15 +55,17 @@ _DIFFERENCE = 1e-4  # [s] between the poses whose differences are rates and acce
 _MAX_PEER_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
 _MAX_AXIS_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
 _SIGN_HEADING = "wrong signs"  # column: recordings of which n1 and n2 point against each other
+# Explains the signs of the axes below the table.
 _SIGN_NOTE = (
     "axes from gyroscopes: the error does not count the signs of n1 and n2; "
     f"{_SIGN_HEADING}: recordings in which the sign of n2 beside n1 is wrong"
 )
+# how to install the package qmt
 _QMT_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
 # The hinge of every recording: n, u1, u2 and the rotation vector of home [rad].
 _TRUE_N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 _TRUE_U1, _TRUE_U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
-_TRUE_HOME = np.array([0.3, -0.5, 0.2])
+_TRUE_HOME = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
 
 
 class RecordedPoses(NamedTuple):

@@ -23,8 +23,8 @@ from hingepair.pair.hinge_pair import HingePair
 Array = NDArray[np.float64]
 
 ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
-STEP_COLUMN: Final = "h [s]"  # headings of columns
-ORDER_COLUMN: Final = "order"
+STEP_COLUMN: Final = "h [s]"  # heading of a column
+ORDER_COLUMN: Final = "order"  # heading of a column
 LONG_RUN_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
 STOP_TIME: Final = 10.0  # end of the motion [s]
 COMPARED_INSTANTS: Final = 25  # evenly spread instants at which errors are computed; each method's steps include them
@@ -34,11 +34,11 @@ TARGET_ERROR: Final = 1e-11
 _ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
 # The pair that is integrated; its hinge does not turn.
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
-# Methods of hingepair and their numbers of steps; SciPy's solvers and their tolerances.
+# Methods of hingepair.
 _HINGEPAIR_METHODS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
-_STEP_COUNTS = tuple(COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))
-_SCIPY_SOLVERS = ("DOP853", "RK45", "LSODA")
-_SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
+_STEP_COUNTS = tuple(COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))  # of hingepair's methods
+_SCIPY_SOLVERS = ("DOP853", "RK45", "LSODA")  # names for solve_ivp
+_SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and atol of SciPy's solvers
 
 
 class RotationCase(NamedTuple):

@@ -75,6 +75,7 @@ PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, o
 
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
 _CPP_JOINT_KINDS: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
+# axes of joint models, by their last letter
 _COORDINATE_AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 

@@ -24,14 +24,14 @@ from hingepair.pair.hinge_pair import HingePair
 CHUNK_SAMPLES: Final = 1_000_000
 """Samples of a chunk at most."""
 PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
-# Headings of columns of the table: the peak memory of a process, and the processor time of all threads in a call.
-MEMORY_COLUMN: Final = "peak memory [MB]"
-CPU_COLUMN: Final = "processor time [s]"
+# Headings of columns of the table.
+MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
+CPU_COLUMN: Final = "processor time [s]"  # of all threads in a call
 
 _MIN_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
 # The robot of forward dynamics, and its locked joints [m].
 _ROBOT_NAME = "panda"
-_LOCKED_JOINTS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+_LOCKED_JOINTS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
 _SWEEP_VARIANTS = 1000  # variants of each sweep
 _PAIR_OUTPUTS = ("R2", "v2", "omega2")  # outputs of the velocity case
 
@@ -77,6 +77,7 @@ start = 0
 stop = 10
 samples = 2001
 """
+# Scene of a robot whose payload is varied.
 _PANDA_SCENE: Final = """
 [mechanism]
 robot = "panda"

@@ -28,7 +28,7 @@ _UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 
 # Places of phi_y, of psi and of all angles among the seven coordinates.
 _PHI_Y_INDEX, _PSI_INDEX = 4, 6
-_ANGLE_SLICE = slice(3, 7)
+_ANGLE_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
 
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:

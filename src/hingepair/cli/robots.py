@@ -21,6 +21,7 @@ from hingepair.urdf.records import HINGES, SLIDERS, Joint, Mimic, Robot
 
 # Headings of the two tables: of robots, and of the joints of one.
 COUNT_COLUMNS = ("robot", "dof", "hinges", "sliders", "following")
+# Headings of the table of joints.
 JOINT_COLUMNS = (
     *("q", "joint", "kind", "body 1", "body 2", "axis n", "limits [rad, m]", "effort [N m, N]", "rate [rad/s, m/s]"),
     *("body 2 [kg]", "moves [kg]", "follows"),

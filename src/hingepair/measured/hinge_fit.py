@@ -53,7 +53,7 @@ _MAX_RESIDUAL = 5.0  # of a sample, in rms of all samples, that `HingeFit.residu
 _MIN_GOOD_WEIGHT = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
 _MAX_STARTED = 65536  # samples that a start in closed form, and what is known of the clock offset, are taken from
 _MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of the clock offset that a finding mentions
-_DIFFERENCE = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
+_FIT_DIFFERENCE = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
 _FEW_SAMPLES = 10  # below, standard deviations are no more than a hint
 
 
@@ -538,13 +538,13 @@ def _zero_by_hinge(poses: RelativePoses, hinge: Hinge) -> Float64Array:
     """Return by how much the encoder's zero changes with turns of n (2) and m (2), since `home` turns with them."""
     some = poses.thinned(MAX_FRAMED)
     changes = []
-    for step in _DIFFERENCE * np.eye(PARAMETERS)[:4]:
+    for step in _FIT_DIFFERENCE * np.eye(PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(turned_frames(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _DIFFERENCE))
+        changes.append((ends[0] - ends[1]) / (2 * _FIT_DIFFERENCE))
     return np.array(changes)
 
 
