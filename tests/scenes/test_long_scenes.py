@@ -59,6 +59,7 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
     assert (found[0], found[-1]) == (start, expected[-1])
 
 
+@pytest.mark.usefixtures("one_backend")
 @pytest.mark.slow
 @pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
@@ -139,7 +140,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
     finally:
         run.kill()
     assert run.returncode == 130
-    assert err == f"hingepair: stopped; {target} is not written\n"
+    assert err == f"hingepair: stopped by a signal; {target} is not written\n"
     assert out == ""
     assert [path.name for path in target.parent.iterdir()] == ["long.csv"]
     assert target.read_text() == "before"

@@ -14,6 +14,8 @@ from numpy.testing import assert_array_equal
 
 import hingepair as hp
 from hingepair.cli.main import main
+from hingepair.engine import backend
+from hingepair.engine.loops import Program
 
 pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
 pytest.importorskip("zarr", reason="the extra dask is not installed")
@@ -264,7 +266,7 @@ def test_a_worker_that_is_killed_changes_nothing():
     undisturbed = Path(swept("grid", "whole.parquet", GRID.replace("chunk = 4", "chunk = 1"))).read_bytes()
     killed = []
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
         workers = [*client.run(os.getpid).values()]
@@ -323,6 +325,19 @@ def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
 
 
 MODELS = Path(__file__).parents[2] / "models" / "sweeps"
+
+
+def test_all_is_computed_with_kernels_whatever_a_worker_computed_before(monkeypatch):
+    at_break_even, compiled_at_once = Program.kernel_at_break_even, []
+
+    def recorded(*arguments):
+        compiled_at_once.append(backend._compiles_at_first_call.get())
+        return at_break_even(*arguments)
+
+    monkeypatch.setattr(Program, "kernel_at_break_even", recorded)
+    swept("grid", "recorded.parquet", GRID.replace("0.1, 0.2, 0.3", "0.15, 0.25, 0.35"))
+    assert compiled_at_once
+    assert all(compiled_at_once)
 
 
 @pytest.mark.slow

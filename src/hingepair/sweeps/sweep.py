@@ -395,7 +395,7 @@ _LOCK = threading.Lock()  # of what the threads of a worker share
 
 def _variants(job: SweepTask) -> Variants:
     """Return the variants of a job, which a worker makes once."""
-    with _LOCK:
+    with _LOCK, compile_at_first_call():
         return _made_variants(job)
 
 
