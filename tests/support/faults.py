@@ -402,7 +402,7 @@ FAULTS = {
     ),
     "corners not divided again and again": Fault(
         "integration/step_selection.py",
-        "len(totals) < _MAX_ROUNDS",
+        "len(totals) < _MAX_DIVISION_ROUNDS",
         "len(totals) < 8",
         "integration/test_integrate_steps.py::test_a_corner_costs_some_sixty_steps",
     ),

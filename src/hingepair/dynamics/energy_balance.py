@@ -19,7 +19,7 @@ from hingepair.pair.hinge_pair import HingePair
 _MIN_IMPACT_RATE_CHANGE = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
 
 
-_CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
+_WORK_CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
@@ -113,8 +113,8 @@ def energy_balance(
         starts = np.array([step.polynomial.start for step in steps])
         edges = np.unique(np.hstack([starts, elapsed]))
         chunks = []
-        for first in range(0, max(len(edges) - 1, 1), _CHUNK_INTERVALS):
-            chunk_edges = edges[first : first + _CHUNK_INTERVALS + 1]
+        for first in range(0, max(len(edges) - 1, 1), _WORK_CHUNK_INTERVALS):
+            chunk_edges = edges[first : first + _WORK_CHUNK_INTERVALS + 1]
             lengths = np.diff(chunk_edges)
             times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
             step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()

@@ -23,7 +23,7 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_named
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-_DIFFERENCE_STEP_SIZE: Final = 1e-5  # of the size of each component of the state, for differences of order 4
+_RELATIVE_DIFFERENCE_STEP: Final = 1e-5  # of the size of each component of the state, for differences of order 4
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
 _MIN_POLE_RATIO: Final = 1e-5
 _MAX_NEWTON_STEPS = 200  # of the search for an equilibrium
@@ -184,7 +184,7 @@ def linearize(
 def _state_derivatives(motion: PairMotion, t: float, state: Array, columns: NDArray[np.intp]) -> tuple[Array, Array]:
     """Compute the derivatives of the rates of a state by some of its components, (k, m), and the rates, (k,)."""
     increments = np.zeros((len(columns), len(state)))
-    increments[np.arange(len(columns)), columns] = (_DIFFERENCE_STEP_SIZE * motion.sizes)[columns]
+    increments[np.arange(len(columns)), columns] = (_RELATIVE_DIFFERENCE_STEP * motion.sizes)[columns]
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
     rates = motion.rates(np.full(len(states), t), states)
     before2, before, after, after2 = rates[:-1].reshape(4, len(columns), -1)

@@ -40,7 +40,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 InitialState: TypeAlias = tuple[Array, Array, Array, Array, float, float]
 """R, S, v and omega of body 1, psi [rad] and psi' [rad/s]."""
-BaseMotion: TypeAlias = Callable[[Array], BodyMotion]
+PrescribedMotion: TypeAlias = Callable[[Array], BodyMotion]
 """Motion of body 1 at instants (n,) [s]."""
 HingeMotion: TypeAlias = Callable[[Array], Any]
 """psi, psi' and psi'' at instants (n,) [s]; each (n,)."""
@@ -128,7 +128,7 @@ class PairMotion:
     def __init__(
         self,
         pair: HingePair,
-        base: str | BaseMotion,
+        base: str | PrescribedMotion,
         is_planar: bool,
         start: InitialState,
         loads: Loads,

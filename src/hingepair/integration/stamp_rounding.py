@@ -23,7 +23,7 @@ _WINDOW_SAMPLES: Final = 11
 """Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
 
 _MAX_WINDOWS = 2048  # windows of samples that are measured, spread over the time
-_MAX_DECIMALS = 9  # decimal places of seconds that are tried as a grid
+_MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
 _MIN_GRID_RATIO = 8.0  # times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident
 _UNIFORM_DEVIATION = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
 _ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
@@ -82,7 +82,7 @@ def stamp_grids(t: Array) -> list[Array]:
         singles = size.astype(np.float32)
     if (singles == size).all():
         grids.append(np.spacing(singles).astype(np.float64))
-    for unit in 10.0 ** np.arange(_MAX_DECIMALS + 1):
+    for unit in 10.0 ** np.arange(_MAX_STAMP_DECIMALS + 1):
         if (
             1 / unit > _MIN_GRID_RATIO * doubles.max()
             and (np.abs(np.round(size * unit) / unit - size) <= doubles).all()

@@ -46,7 +46,7 @@ _TARGET_SHARE, _ACCEPTED_SHARE = 0.6, 0.8  # of the tolerance: sum of errors tha
 _MAX_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
 _MAX_ADDITIVE_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
 _MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
-_MAX_ROUNDS = 64  # divisions of all pieces, at most
+_MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
 _MAX_PARTS = 16  # of a piece in one round
 _MAX_IRREGULAR_PARTS = 4  # of a piece in one round where errors do not fall by the rule's order
 _MAX_NOISE_ERROR_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
@@ -110,7 +110,7 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     counts = count_even_steps(stop - start, duration, MIN_STEPS)
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
     totals, piece_counts = list[float](), list[int]()
-    while len(totals) < _MAX_ROUNDS:
+    while len(totals) < _MAX_DIVISION_ROUNDS:
         piece_weights = weights[pieces.interval]
         totals.append(float((_cautious_sizes(pieces) * piece_weights).sum()))
         piece_counts.append(len(pieces.start))

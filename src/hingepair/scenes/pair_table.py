@@ -108,14 +108,14 @@ def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) 
         planar: whether u1 and u2 have two components.
         letters: constants of the scene that stay letters.
     """
-    from hingepair.symbolic.exact_constants import unit_axis
+    from hingepair.symbolic.exact_constants import exact_unit_axis
 
     size = 2 if planar else 3
     written: dict[str, tuple[Any, ...]] = {
         key: tuple(table.expressions(key, size, letters=letters)) for key in ("u1", "u2") if key in table.values
     }
     if any(isinstance(component, str) for component in table.values.get("n", ())):
-        written["n"] = unit_axis(table.expressions("n", 3, letters=letters))
+        written["n"] = exact_unit_axis(table.expressions("n", 3, letters=letters))
     if "home" in table.values:
         written["home"] = table.exact_rotation("home", letters)
     return written

@@ -26,7 +26,7 @@ from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_symbols, sorted_terms
 from hingepair.symbolic.trig_sums import cosine, sine, trig_sum
 
-Terms: TypeAlias = tuple[Expr, ...]
+SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
 
 MAX_SYMBOLS: Final = 5_000
@@ -67,7 +67,7 @@ class ClosedForms:
         motion: Mapping[str, Expr | None] | None = None,
         sequence: str | None = "XYZ",
         symbolic: Collection[str] = (),
-        exact_values: Mapping[str, Terms] | None = None,
+        exact_values: Mapping[str, SumTerms] | None = None,
     ) -> None:
         check_one(pair)
         self._planar = isinstance(pair, PlanarPair)
@@ -110,7 +110,7 @@ class ClosedForms:
     def __repr__(self) -> str:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
-    def terms(self, name: str) -> tuple[Terms, ...]:
+    def terms(self, name: str) -> tuple[SumTerms, ...]:
         """Return the terms of each component of an output, in the order in which they arise.
 
         Args:
@@ -174,10 +174,10 @@ def _coordinate_jet(name: str, expr: Expr | None) -> Jet:
 
 
 def constant_inputs(
-    pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Terms]
-) -> dict[str, Terms]:
+    pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
+) -> dict[str, SumTerms]:
     """Return u1, u2, n and home, where the pair has them, as symbols, exact values, or exact numbers."""
-    inputs: dict[str, Terms] = {}
+    inputs: dict[str, SumTerms] = {}
     values = pair.constants.values
     for key, value in ((key, values[key]) for key in PAIR_CONSTANTS if key in values):
         if key in symbolic:

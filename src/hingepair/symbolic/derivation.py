@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import sympy
 
 from hingepair.numeric.tables import unit_of
-from hingepair.symbolic.closed_forms import ClosedForms, Terms
+from hingepair.symbolic.closed_forms import ClosedForms, SumTerms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, SideOfZero
 from hingepair.symbolic.layout import align_environment, latex_lines, shape_text, title_suffix, wrap_equation
@@ -79,7 +79,7 @@ class Derivation(ClosedForms):
         """
         return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
-    def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, Terms]]:
+    def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, SumTerms]]:
         """Return the terms of every component with its label."""
         labelled = []
         for name in self.names if names is None else names:
@@ -91,8 +91,8 @@ class Derivation(ClosedForms):
 
 
 def _abbreviated_rows(
-    labelled: list[tuple[str, Terms]], short: bool
-) -> tuple[list[tuple[str, Terms]], dict[str, Expr]]:
+    labelled: list[tuple[str, SumTerms]], short: bool
+) -> tuple[list[tuple[str, SumTerms]], dict[str, Expr]]:
     """Return components with symbols for functions of t, and the definitions of abbreviations."""
     rows = [
         (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))

@@ -22,7 +22,7 @@ _MAX_SQUARE_DENOMINATOR: Final = 1_000
 _ROUNDING_TOLERANCE: Final = 4 * 2.0**-53
 """Rounding error of a computed entry of a rotation [1] and of an angle [rad] within which a number is recognised."""
 _PI_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
-_MAX_DECIMALS: Final = 14  # decimal places of an angle of order one
+_MAX_ANGLE_DECIMALS: Final = 14  # decimal places of an angle of order one
 
 # Unit vectors along x, y and z.
 _COORDINATE_AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
@@ -59,7 +59,9 @@ def exact_angle(value: float) -> Expr:
     if abs(value - round(value / step) * step) <= _ROUNDING_TOLERANCE:
         return sympy.pi * sympy.Rational(round(value / step), _PI_DENOMINATOR)
     short = next(
-        number for k in range(_MAX_DECIMALS + 4) if abs((number := round(value, k)) - value) <= _ROUNDING_TOLERANCE
+        number
+        for k in range(_MAX_ANGLE_DECIMALS + 4)
+        if abs((number := round(value, k)) - value) <= _ROUNDING_TOLERANCE
     )
     return exact(short)
 
@@ -75,12 +77,12 @@ def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
     return function(*arguments, evaluate=False) if nested else value
 
 
-def unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
+def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     """Return an axis of any non-zero length at length 1.
 
-    >>> unit_axis([sympy.cos(1), sympy.sin(1), 0])
+    >>> exact_unit_axis([sympy.cos(1), sympy.sin(1), 0])
     (cos(1), sin(1), 0)
-    >>> unit_axis([1, 2, 2])
+    >>> exact_unit_axis([1, 2, 2])
     (1/3, 2/3, 2/3)
     """
     square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
@@ -99,7 +101,7 @@ def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
     (0, -1, 0, 1, 0, 0, 0, 0, 1)
     """
     hinge = unnested(sympy.sin, angle), 1 - unnested(sympy.cos, angle)
-    x, y, z = unit_axis(axis)
+    x, y, z = exact_unit_axis(axis)
     return _expanded(eq.hinge_rotation((x, y, z), hinge))
 
 
