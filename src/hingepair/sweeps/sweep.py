@@ -10,6 +10,7 @@ import json
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -302,12 +303,14 @@ def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: ChunkWri
     try:
         for future in as_completed(list(futures)):
             number = futures.pop(future)
-            if future.status != "finished":
-                if future.status == "cancelled":
-                    expected = "a dask.distributed scheduler that runs until the sweep is done"
-                    raise ArgumentError("scheduler", expected, f"none any more at chunk {number}")
+            if future.status == "error":
                 raise _chunk_error(future.exception(), f"chunk {number}") from None
-            add(number, future.result())
+            try:
+                columns = future.result()
+            except (CancelledError, OSError, TimeoutError):
+                expected = "a dask.distributed scheduler that runs until the sweep is done"
+                raise ArgumentError("scheduler", expected, f"none any more at chunk {number}") from None
+            add(number, columns)
             future.release()
     finally:
         client.cancel(list(futures))
