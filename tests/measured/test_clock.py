@@ -190,8 +190,10 @@ def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -
 
 
 def test_an_exact_offset_of_a_point_is_exact() -> None:
-    t, body1, body2 = recorded(12.5e-3, noise=0.0)
+    """In the middle between samples: from step to step another sample is the nearest one."""
+    t, body1, body2 = recorded(12.5e-3, 600, noise=0.0)
     found = hp.fit(body1, as_point(body2), t=t)
+    assert found.ok
     assert found.clock_offset == pytest.approx(12.5e-3, abs=1e-7)
     assert np.abs(found.pair.u1 - true_centre(N1)).max() < 1e-7
     known = hp.fit(body1, as_point(body2), t=t, clock_offset=12.5e-3)

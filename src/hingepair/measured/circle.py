@@ -48,6 +48,7 @@ _MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
 _MAX_AXIS_STD = np.radians(2.0)  # [rad]
 _MAX_POINT_STD = 0.1  # in parts of the levers' length
 _MAX_SYSTEMATIC = 0.02  # of the radius: residuals that are no noise and can be put up with
+_RESAMPLING_ERROR = 1e-6  # [s], [rad], parts of the radius: that of exact samples moved to other instants
 _CIRCLE_DIFFERENCE = 1e-6  # step of the derivatives of the results
 
 
@@ -143,10 +144,13 @@ def fit_circle(
             turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * circle.radius))
             share = min(1.0, _MAX_CIRCLE_TURN / max(turn, 1e-300))
             circle = circle.moved(share * step)
+            least = 1e-15
             if some.rates is not None:
-                offset += share * float(step[_CIRCLE_PARAMETERS])
+                delay = float(step[_CIRCLE_PARAMETERS])
+                offset += share * delay
                 some = at(offset, most)
-            still = bool(step @ normal @ step <= _MAX_CIRCLE_LAST_STEP**2 * variance or turn < 1e-15)
+                least = _RESAMPLING_ERROR if abs(delay) < _RESAMPLING_ERROR else 0.0
+            still = bool(step @ normal @ step <= _MAX_CIRCLE_LAST_STEP**2 * variance or turn < least)
             if still:
                 break
     n = sign_of(circle.n) * circle.n
@@ -155,7 +159,8 @@ def fit_circle(
     _, weights = _variance_and_weights(rest, some.weights, loss)
     squares = (rest * rest).sum(axis=1)
     outliers = squares > _OUTLIER_SIZE * max(float(np.median(squares)) / _MEDIAN, 1e-300)
-    outliers &= np.sqrt(squares) > 1e-12 * np.abs(some.p).max()
+    explained = 1e-12 * np.abs(some.p).max() if some.rates is None else _RESAMPLING_ERROR * circle.radius
+    outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
     scores = np.einsum("n,nij,ni->jn", weights, change, rest)
     together, _ = summed_neighbours(scores)

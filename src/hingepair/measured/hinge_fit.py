@@ -282,10 +282,10 @@ def fit(
         clock_offset: by how much later body 2 was recorded than body 1 at equal stamps, where that is known [s]: 0
             where both have one clock. It needs `t`.
         encoder: reading of a sensor of the hinge angle at the instants of body 1, NaN where there is none; (N,).
-            Its zero, its scale and its noise are estimated, and psi is made of both.
+            Its zero, its scale and its noise are estimated, and psi is made of both. Not of a point.
         noise1: standard deviations of body 1's positions [m] and attitudes [rad], numbers or of shape (N,): what is
             known of them beforehand, such as `smooth` says. The data still say by what factor all are off.
-        noise2: those of body 2; both or none are given.
+        noise2: those of body 2; both or none are given, and none with a body 2 that is a point.
 
     Returns:
         The fit. Look at `.ok` and `.findings` before its numbers.
