@@ -166,7 +166,7 @@ def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
         ("tol = 1", r"dynamics\.tol: expected a number from"),
         ("damping = -1", r"dynamics\.damping: expected 0 or above"),
         ("gravity = 9.81", r"dynamics\.gravity: "),
-        ("base = 'pinned'\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected none"),
+        ("base = 'pinned'\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected None or zeros"),
         ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected nothing beside base"),
         ("base = 'prescribed'\n[motion]\nx = 0", r"motion\.y: "),
         ("[motion]\nx = 0", r"motion\.x: expected"),

@@ -537,7 +537,7 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
         ('"t^2"', "a power is written **", "^2"),
         ('"1,5"', "decimals follow a point", "1,5"),
         ('"""sin(t)\n + 2)"""', "unmatched ')'", ")"),
-        ('"x = t"', "stands outside the quotes", "= t"),
+        ('"x = t"', "its name stands before the quotes", "= t"),
         ("2*pi*t", 'an expression stands in quotes: "2*pi*t"', "*pi*t"),
         ("sin(t)  # turns", 'an expression stands in quotes: "sin(t)"', "sin(t)  # turns"),
         ("{ t = [0, 1], value = [0, pi/2] }", 'an expression stands in quotes: "pi/2"', "pi/2] }"),
