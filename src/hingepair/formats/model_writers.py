@@ -279,6 +279,7 @@ def _pair_parts(pair: HingePair) -> tuple[_Part, _Part]:
 def _make_model_part(
     link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], origin: Float64Array
 ) -> _Part:
+    """Return one body as a URDF or MJCF link: its masses and shapes, moved to the link's origin."""
     body = given or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = _readable(body.inertia).tolist()
@@ -325,6 +326,7 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
 
 
 def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
+    """Add a link element to a URDF tree: the inertial element, and a visual element for each shape."""
     link = add_element(robot, "link", name=part.link)
     inertial = add_element(link, "inertial")
     add_element(inertial, "origin", xyz=part.center, rpy=_NO_ROTATION)
@@ -352,6 +354,7 @@ def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 
 
 def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
+    """Add the inertial element and a geom for each shape to a body element of an MJCF tree."""
     add_element(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}

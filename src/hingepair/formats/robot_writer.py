@@ -103,6 +103,7 @@ class _Writer:
         return link
 
     def _add_moving(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
+        """Add the element of a joint that moves to a URDF tree: placement, axis and limits."""
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
         element = add_joint(root, joint.name, kind, parent, child)
@@ -120,6 +121,7 @@ class _Writer:
 
 
 def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
+    """Add the inertial element of one link to a URDF tree: centre of mass, mass and inertia."""
     inertial = add_element(link, "inertial")
     add_element(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
     add_element(inertial, "mass", value=masses.mass)

@@ -104,6 +104,7 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _robot_advice(robot: str) -> str:
+    """Return what an error says was expected: the number of robots, and the names nearest to the unknown one."""
     import difflib
 
     names = robot_names()

@@ -115,6 +115,7 @@ def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, FramePose]:
 
 
 def _chosen(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
+    """Return the pose of a frame on a link, of the link itself for None; refuse a frame that is not fixed to it."""
     wanted = link if frame is None else frame
     if not isinstance(wanted, str) or wanted not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))

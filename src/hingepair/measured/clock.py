@@ -109,6 +109,7 @@ class ClockedPoses:
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
+        """Return the relative poses of some samples, with the velocities of body 1 turned into its own axes."""
         own = self._samples
         S1 = own.S1[rows]
         poses = compute_relative_poses(own.R1[rows], S1, R2, S2, own.weights[rows])

@@ -168,6 +168,7 @@ class HingeFit(Shown):
         return figure
 
     def _clock(self) -> str:
+        """Return the sentence on the clock offset [ms] and its standard deviation."""
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"

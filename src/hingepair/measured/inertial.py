@@ -433,6 +433,7 @@ def _felt(
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return the residuals of the samples and their derivatives by the unknowns."""
         biases = np.zeros(12) if prior is None else x[6:]
         felt, by_lever, by_bias, by_rate = [], [], [], []
         for i, (force, omega, alpha) in enumerate(zip(forces, rates, changes, strict=True)):
@@ -480,6 +481,7 @@ def _across(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = Non
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return the residuals of the samples and their derivatives by the unknowns."""
         axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
         frames = [frame(n) for n in axes]
         in_axes = [(w - bias) @ own for w, bias, own in zip((w1, w2), biases, frames, strict=True)]

@@ -286,6 +286,7 @@ def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
 
 
 def _line_with(psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float) -> Line:
+    """Return the encoder's line of a given slope: its zero by the median of the angles, then by a weighted mean."""
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
     rest = _turn(psi, reading, Line(middle, slope))

@@ -110,6 +110,7 @@ def checked_samples(
 
 
 def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
+    """Return the weights of the samples, (count,), 1 for None; refuse numbers that are not finite or negative."""
     if weights is None:
         return np.ones(count)
     given = real_array("weights", weights).astype(np.float64)
@@ -121,6 +122,7 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
 
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
+    """Return the encoder's readings without jumps of whole turns; refuse fewer than two that differ."""
     given = real_array("encoder", encoder).astype(np.float64)
     if given.shape != shape:
         raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {given.shape}")

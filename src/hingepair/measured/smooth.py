@@ -181,6 +181,7 @@ def smooth(
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
+    """Smooth positions (N, 3) and attitudes (N, 3, 3) of a body, and warn of what makes the result doubtful."""
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
         raise ArgumentError("body.S", "attitudes; places of a point alone are smoothed column by column", None)
@@ -264,6 +265,7 @@ def _products(turns: Float64Array) -> Float64Array:
 def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
+    """Smooth a recorded angle [rad], (N,), differentiate it twice, and warn of what makes the result doubtful."""
     where = _pieces("body", t, psi, gaps)
     found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth, loss)
     names = ("psi", "psid", "psidd")
@@ -283,6 +285,7 @@ def _smooth_angle(
 
 
 def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
+    """Return the rows of each piece of a recording between gaps; refuse a recording of short pieces alone."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     found = pieces(t, known, gaps, FEWEST)
     if not found:

@@ -194,6 +194,7 @@ def _of_least_cross_validation(
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(logarithm: float) -> float:
+        """Return the generalised cross-validation score of a bandwidth [Hz], given by its logarithm."""
         spline = Spline(times, Model(float(np.exp(logarithm)), correlation), weights)
         share = 1 - _COUNTED * spline.freedom() / count
         if share <= 0:

@@ -133,6 +133,7 @@ class Frozen:
 
 
 def _frozen(kind: type, values: dict[str, Any]) -> Any:
+    """Return an instance of a frozen class with these attributes, arrays read-only; no constructor is called."""
     value: Any = object.__new__(kind)
     for name, attribute in values.items():
         if isinstance(attribute, np.ndarray):

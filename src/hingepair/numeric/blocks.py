@@ -150,6 +150,7 @@ def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
 
 
 def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
+    """Copy the results of one block of samples into the output arrays, by components where those are separate."""
     for name, target in targets.items():
         result = results[name]
         if isinstance(target, tuple):

@@ -103,6 +103,7 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 
 def _read_csv(path: Path, wanted: Wanted) -> Columns:
+    """Return the wanted columns of a CSV file, whose first line holds the names."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
         chosen = wanted.choose(names)
@@ -131,6 +132,7 @@ def _read_csv(path: Path, wanted: Wanted) -> Columns:
 
 
 def _csv_names(stream: IO[str]) -> list[str]:
+    """Return the column names in the first line of a CSV file; refuse other separators than commas."""
     line = stream.readline(_MAX_LINE)
     if len(line) == _MAX_LINE:
         raise ArgumentError("", "a first line of column names", "a longer line")
@@ -143,6 +145,7 @@ def _csv_names(stream: IO[str]) -> list[str]:
 
 
 def _csv_rows(stream: IO[str], columns: list[int] | None, **how: Any) -> NDArray[Any]:
+    """Return the rows of some columns of a CSV file as an array; options go to `numpy.loadtxt`."""
     options: dict[str, Any] = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | how
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
@@ -177,6 +180,7 @@ def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> N
 
 
 def _read_npz(path: Path, wanted: Wanted) -> Columns:
+    """Return the wanted columns of an NPZ file; an array with several axes gives a column for each component."""
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
         arrays = []
@@ -198,6 +202,7 @@ def _read_npz(path: Path, wanted: Wanted) -> Columns:
 
 
 def _read_array(stream: IO[bytes], name: str, tail: tuple[int, ...], exact: bool) -> NDArray[Any]:
+    """Return an array of an NPZ file; refuse one of another type or shape than its header promises."""
     dtype, fortran, shape = _array_header(stream)
     if dtype is None:
         raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
@@ -225,6 +230,7 @@ def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[
 
 
 def _read_parquet(path: Path, wanted: Wanted) -> Columns:
+    """Return the wanted columns of a Parquet file."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq

@@ -37,6 +37,7 @@ def holds_dask(*values: Any) -> bool:
 
 
 def _holds_dask(value: Any) -> bool:
+    """Return whether a value is, or holds at any depth, a lazy array or data frame of Dask."""
     if value is None or type(value) in {np.ndarray, float, int}:
         return False
     if isinstance(value, Frozen):

@@ -69,6 +69,7 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencil:
+    """Return the weights by which values at the neighbours of some rows give first and second derivatives."""
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step

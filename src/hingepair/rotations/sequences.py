@@ -93,6 +93,7 @@ def find_sequence(name: str) -> Sequence:
 
 @functools.cache
 def _sequence(name: str) -> Sequence:
+    """Return the properties of a sequence of Euler angles by name, such as XYZ (intrinsic) or xyz (extrinsic)."""
     check_choice("sequence", name, SEQUENCES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]

@@ -134,6 +134,7 @@ def read_coordinate_functions(
 
 
 def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:
+    """Read the table of a motion that is given by angular velocities, and integrate it."""
     own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
     axes = own[:2] if planar else own[:3]
@@ -163,6 +164,7 @@ def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
 
 
 def _function(table: Table, key: str) -> Expr | WayPoints:
+    """Return a coordinate of the table as an expression in t, or as way points."""
     match table.values.get(key):
         case str() as text:
             with table.naming(key):

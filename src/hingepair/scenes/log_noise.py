@@ -66,6 +66,7 @@ class LogNoise:
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
     def _to_coordinates(self, known: ByCoordinates) -> ByCoordinates:
+        """Return coordinates with random noise of the log's standard deviations added to each, and to their rates."""
         columns = []
         for names, *own in zip(
             zip(*COLUMN_NAMES[COORDINATES].values(), strict=True), *known.derivatives, strict=True
@@ -75,6 +76,7 @@ class LogNoise:
         return ByCoordinates(known.count, tuple(zip(*columns, strict=True)), known.sequence)
 
     def _to_body1(self, known: ByBody1) -> ByBody1:
+        """Return a motion of body 1 and of the hinge with noise added to all of it, rates included."""
         letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
         hinge = self._of(_OF_BODY1[0], [angle[:, None] for angle in known.hinge])
         R, v, a, S, omega, alpha = (np.asarray(getattr(known.body1, letter)) for own in letters for letter in own)

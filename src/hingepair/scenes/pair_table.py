@@ -26,6 +26,7 @@ def _read_inertia(table: Table, key: str) -> Any:
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
+    """Return the shapes of a body, in the order of the file."""
     given = table.values[key]
     if not isinstance(given, list) or not all(isinstance(shape, dict) for shape in given):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
@@ -33,6 +34,7 @@ def _read_shapes(table: Table, key: str) -> list[Shape]:
 
 
 def _shape(table: Table) -> Shape:
+    """Return one shape from its table, which names exactly one kind: box, cylinder or sphere."""
     named = [kind for kind in _SHAPE_READERS if kind in table.values]
     if len(named) != 1:
         table.refuse("", f"one of {', '.join(_SHAPE_READERS)}", ", ".join(named) or "none of them")

@@ -183,6 +183,7 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
 
 
 def _known_motion(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordinates:
+    """Return a simulated motion as a scene holds it: by body 1 in space, by coordinates in the plane."""
     hinge = found.psi, found.psid, found.psidd
     if isinstance(found, SimulatedMotion):
         return ByBody1(found.body1, hinge)

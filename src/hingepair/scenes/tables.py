@@ -205,6 +205,7 @@ class Table(Place):
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
+        """Return a finite number, given as such or as an expression in the constants of the scene."""
         if isinstance(value, str):
             from hingepair.symbolic.kinks import constant_value
 
@@ -297,6 +298,7 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 
 
 def _check_key_parts(file: str, text: str) -> None:
+    """Refuse a dotted key of too many parts, which the TOML reader would follow without end."""
     end, parts = 0, 0
     for part in _KEY_PART.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1

@@ -67,6 +67,7 @@ def read_varied(table: Table, design: str) -> Varied:
 
 
 def _ends(table: Table, first: str, second: str, known: tuple[str, ...]) -> tuple[float, float]:
+    """Return the lower and upper end of a varied number; refuse any other key beside those known."""
     for name in table.values:
         if name not in known:
             table.refuse(name, f"nothing beside {', '.join(known)}", "this key")

@@ -155,6 +155,7 @@ def _entry(table: Table, number: int, values: dict[str, Any]) -> Table:
 
 
 def _read_whole_number(table: Table, name: str, least: int) -> int | None:
+    """Return the integer under a key, None where the key is missing; refuse one below `least`."""
     value = table.values.get(name)
     if value is None:
         return None
@@ -164,6 +165,7 @@ def _read_whole_number(table: Table, name: str, least: int) -> int | None:
 
 
 def _names(table: Table, name: str) -> tuple[str, ...] | None:
+    """Return the list of names under a key without repetitions, None where the key is missing."""
     value = table.values.get(name)
     if value is None:
         return None
@@ -226,6 +228,7 @@ def _run(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progre
     finished = itertools.count(sweep.chunks - len(missing) + 1)
 
     def add(number: int, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Store the columns of one finished chunk, and report the progress."""
         store.add(number, columns)
         with _LOCK:
             done = next(finished)

@@ -162,6 +162,7 @@ class Variants:
         return None if self._together is None else self._together.compute(rows)
 
     def _variant(self, row: Float64Array) -> Scene | MechanismScene:
+        """Return the scene of one variant, whose varied numbers are those of a row."""
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
             values[str(root)] = copy.deepcopy(values[str(root)])
@@ -210,6 +211,7 @@ def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str
 
 
 def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+    """Return the instants of a pair's scene and the asked outputs, forces among them, by name."""
     acting = [name for name in outputs or () if name in FORCE_OUTPUTS]
     moving = None if outputs is None else [name for name in outputs if name not in FORCE_OUTPUTS]
     known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCE_OUTPUTS)

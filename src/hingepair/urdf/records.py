@@ -192,6 +192,7 @@ class Joint:
         return f"joint {self.name!r}"
 
     def _not_below_0(self, key: str) -> float | None:
+        """Return a number of the limit element, None where it is missing; refuse a negative one."""
         number: float | None = self._number("limit", key, None)
         if number is not None and number < 0:
             raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)

@@ -209,6 +209,7 @@ class CrossValidation(Shown):
 
 
 def _rate_cells(row: RateComparison) -> tuple[str, ...]:
+    """Return the cells of a table's row that compares a rate with the slope of what it is the rate of."""
     if row.worst_sample is None:
         return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
     error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
@@ -216,6 +217,7 @@ def _rate_cells(row: RateComparison) -> tuple[str, ...]:
 
 
 def _comparison_cells(row: Comparison) -> tuple[str, ...]:
+    """Return the cells of a table's row that compares one output with Pinocchio's."""
     if row.worst_sample is None:
         return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"

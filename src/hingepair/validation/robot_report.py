@@ -149,6 +149,7 @@ class RobotValidation(Shown):
 
 
 def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:
+    """Return the cells of a table's row that compares one output of a robot with Pinocchio's."""
     if row.worst_sample is None:
         verdict = "not compared" if row.singular else "nothing compared"
         return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", verdict

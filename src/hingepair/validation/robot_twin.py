@@ -75,6 +75,7 @@ class RobotTwin:
         return _join_coordinates(self._of_base(base_motion, flyer_acceleration), self._of_joints("qdd", qdd))
 
     def _of_joints(self, name: str, values: ArrayLike) -> Float64Array:
+        """Return the mechanism's coordinates as those of all joints of Pinocchio's model, followers included."""
         own = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
         rates = np.zeros((*own.shape[:-1], len(self.ratios)))
         for joint, row in enumerate(self.ratios):
@@ -83,6 +84,7 @@ class RobotTwin:
         return rates
 
     def _of_base(self, base_motion: BodyMotion | None, coordinates: Any) -> list[Float64Array]:
+        """Return the coordinates of Pinocchio's free-flyer for a motion of the base; none where the base is fixed."""
         if not self.flies:
             if base_motion is not None:
                 raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)

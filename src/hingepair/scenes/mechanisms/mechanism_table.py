@@ -134,6 +134,7 @@ def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
+    """Return the pair or slider that a [[joint]] table describes."""
     kind: Any = JOINT_CLASSES[table.choice("kind", tuple(JOINT_CLASSES))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
