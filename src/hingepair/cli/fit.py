@@ -1,4 +1,4 @@
-"""`hingepair fit FILE...`: the hinge of two recorded bodies, and a report on it."""
+"""`hingepair fit`: fit a hinge to the recorded motion of two bodies, and report on it."""
 
 from __future__ import annotations
 
@@ -30,79 +30,86 @@ from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
-_MIN_TURN = 30.0  # [deg] of the hinge, below which more turning is worth the effort
-_MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of a clock offset that is there
-_MAX_MISSING = 0.1  # part of the samples
+_MIN_TURN = 30.0  # [deg]; if the hinge turns less, the report recommends to turn it further
+_MIN_CERTAIN_OFFSET = 4.0  # standard deviations; a clock offset above that is significant
+_MAX_MISSING = 0.1  # fraction of missing samples above which the report mentions them
 
 
 def fit_command(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Poses of both bodies in one file, or of each in a file of its own."),
+        typer.Argument(metavar="FILE...", help="One recording of both bodies, or two files: body 1, body 2."),
     ],
     loss: Annotated[
-        str, typer.Option(help=f"Of a sample: {', '.join(LOSSES)}; cauchy where there may be outliers.")
+        str, typer.Option(help=f"Loss function: {', '.join(LOSSES)}. Choose cauchy if there may be outliers.")
     ] = "linear",
-    gauge: Annotated[str, typer.Option(help=f"Which point of the axis u1, u2 name: {', '.join(GAUGES)}.")] = GAUGES[
+    gauge: Annotated[str, typer.Option(help=f"Point of the axis that u1 and u2 name: {', '.join(GAUGES)}.")] = GAUGES[
         0
     ],
     ignore: Annotated[
-        list[str] | None, typer.Option(metavar="COLUMN", help="A column of no concern; * stands for anything.")
+        list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
     gaps: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Longest time without a sample that is bridged between clocks.")
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            help="Longest gap between samples over which one clock's poses are interpolated to the other clock.",
+        ),
     ] = 0.05,
     out: Annotated[
-        Path | None, out_option(f"Write psi and what is left of each sample ({', '.join(RESULT_SUFFIXES)}).")
+        Path | None, out_option(f"Write psi and the residuals of each sample to FILE ({', '.join(RESULT_SUFFIXES)}).")
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"Draw psi and what is left over time ({', '.join(PICTURE_ENDINGS)})."),
+        typer.Option(metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_ENDINGS)})."),
     ] = None,
     scene: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Write a scene (.toml) of the fitted pair, moved as recorded, and its log (.csv)."
+            metavar="FILE",
+            help="Write a scene (.toml) of the fitted pair with the recorded motion, and its log (.csv).",
         ),
     ] = None,
     report: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write a report (.md): the hinge, how sure it is, residuals, findings, what to do; with --plot the "
-            "figure too.",
+            help="Write a report (.md) of the hinge, its standard deviations, residuals, findings and advice; with "
+            "--plot it shows the figure.",
         ),
     ] = None,
     encoder: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMN",
-            help="Readings of the hinge angle, in any unit, on body 1's clock; zero, scale and noise are estimated.",
+            help="Column with readings of the hinge angle, in any unit, on the clock of body 1; its zero, scale and "
+            "noise are estimated.",
         ),
     ] = None,
     clock_offset: Annotated[
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="By how much later body 2 was recorded than its stamps say, where that is known; 0: one clock. "
-            "Otherwise it is estimated.",
+            help="Delay of body 2's samples relative to their time stamps, if known; 0: both bodies have one clock. "
+            "Default: it is estimated.",
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the hinge of two recorded bodies.
+    """Fit a hinge to the recorded motion of two bodies.
 
-    Its n, home, u1, u2 and psi, how sure they are, and whether it is a hinge. Columns, by name: t; R1_x, R1_y,
-    R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1; of body 2 the same with 2, or the position alone of
-    a point whose attitude was not measured. Where each body has a file, the first is body 1, and the digit may be
-    left away. Exit code 1: there is no hinge to rely on.
+    The results are n, home, u1, u2 and psi with their standard deviations, and a verdict on whether the motion is
+    that of a hinge. Columns are read by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1;
+    for body 2 these names with 2, or only the position of a point whose attitude was not measured. If each body has
+    a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
+    recordings do not determine a hinge.
     """
     _check_names(out, plot, scene, report)
     recording = read_recording(files, ignore or (), gaps, encoder)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
     try:
-        found = fit(
+        fitted = fit(
             recording.body1,
             recording.body2,
             loss,
@@ -119,15 +126,15 @@ def fit_command(
         else:
             make_console().print(f"NO HINGE: {error}")
         raise typer.Exit(1) from None
-    written = _save(found, recording.body1, files, out, plot, scene, report)
-    print(found.to_json() if as_json else found)
+    written = _save(fitted, recording.body1, files, out, plot, scene, report)
+    print(fitted.to_json() if as_json else fitted)
     for path in () if as_json else written:
         make_console().print(f"written: {path}")
-    raise typer.Exit(0 if found.ok else 1)
+    raise typer.Exit(0 if fitted.ok else 1)
 
 
 def _check_names(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
-    """Refuse names of files to write whose endings say another kind of file."""
+    """Raise an error if a file to write has a suffix that names another kind of file."""
     if out is not None:
         check_ending(out)
     if plot is not None:
@@ -139,7 +146,7 @@ def _check_names(out: Path | None, plot: Path | None, scene: Path | None, report
 
 
 def _save(
-    found: HingeFit,
+    fitted: HingeFit,
     body1: BodyMotion,
     files: list[Path],
     out: Path | None,
@@ -147,35 +154,35 @@ def _save(
     scene: Path | None,
     report: Path | None,
 ) -> list[Path]:
-    """Write what was asked for of a fit, and return the names of the files."""
+    """Write the files that the options name, and return their paths."""
     written: list[Path] = []
     if out is not None:
-        t = np.arange(float(found.psi.size)) if found.t is None else found.t
-        arrays = {"psi": found.psi, "gap": found.gap, "tilt": found.tilt, "weight": found.weights}
-        if found.body2.S is None:
+        t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
+        arrays = {"psi": fitted.psi, "gap": fitted.gap, "tilt": fitted.tilt, "weight": fitted.weights}
+        if fitted.body2.S is None:
             del arrays["tilt"]
         written.append(Record(t, arrays, "what is left of each sample").save(out, files))
     if plot is not None:
-        save_figure(found.plot(), plot, files)
+        save_figure(fitted.plot(), plot, files)
         written.append(plot)
     if scene is not None:
-        written += _save_scene(scene, found, body1, files)
+        written += _save_scene(scene, fitted, body1, files)
     if report is not None:
         figure = None if plot is None else os.path.relpath(plot, report.parent)
-        _save_text(report, _report(found, files, figure), files)
+        _save_text(report, _report(fitted, files, figure), files)
         written.append(report)
     return written
 
 
-def _save_scene(path: Path, found: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
-    """Write a scene of a fitted pair that smooths the recorded motion of body 1 and psi, and the log beside it."""
+def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
+    """Write a scene of a fitted pair that smooths the recorded motion of body 1 and psi, and its log."""
     log = path.with_suffix(".csv")
-    t = np.asarray(found.t)
+    t = np.asarray(fitted.t)
     places = np.broadcast_to(body1.R, (t.size, 3))
     attitudes = np.broadcast_to(body1.S, (t.size, 3, 3))
     columns = dict(zip("xyz", places.T, strict=True)) | quaternion_columns(attitudes)
-    Record(t, columns | {"psi": found.psi}, "recorded motion of body 1 and fitted psi").save(log, inputs)
-    pair = found.pair
+    Record(t, columns | {"psi": fitted.psi}, "recorded motion of body 1 and fitted psi").save(log, inputs)
+    pair = fitted.pair
     lines = [f"{name} = {getattr(pair, name).tolist()}" for name in ("u1", "u2", "n")]
     turn = np.asarray(rotation_vector(pair.home))
     angle = float(np.linalg.norm(turn))
@@ -183,7 +190,7 @@ def _save_scene(path: Path, found: HingeFit, body1: BodyMotion, inputs: list[Pat
         lines.append(f"home = {{ axis = {(turn / angle).tolist()}, rad = {angle!r} }}")
     text = "\n".join(
         (
-            f'title = "A fitted hinge, moved as recorded: {found.samples} samples"',
+            f'title = "A fitted hinge, moved as recorded: {fitted.samples} samples"',
             "",
             "[pair]",
             *lines,
@@ -199,95 +206,98 @@ def _save_scene(path: Path, found: HingeFit, body1: BodyMotion, inputs: list[Pat
 
 
 def _save_text(path: Path, text: str, inputs: list[Path]) -> None:
+    """Write a text to a file, completely or not at all."""
     with whole_file(path, inputs) as file:
         file.write(text.encode())
 
 
 def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
-    """Return a report in Markdown on recordings that determine no hinge."""
+    """Return the report, in Markdown, on recordings that determine no hinge."""
     return "\n".join((*_heading(inputs), "**No hinge.** These recordings determine none:", "", f"- {error}", ""))
 
 
-def _report(found: HingeFit, inputs: list[Path], figure: str | None) -> str:
-    """Return a report on a fit in Markdown; `figure` is the path of its picture from there."""
-    verdict = "**ok**: the motion shows a hinge and determines it." if found.ok else "**Not a hinge to rely on.**"
-    missing = found.psi.size - found.samples
+def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
+    """Return the report on a fit in Markdown; `figure` is the path of its figure relative to the report."""
+    verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not a hinge to rely on.**"
+    missing = fitted.psi.size - fitted.samples
     lines = [
         *_heading(inputs),
-        f"{verdict} {found.samples} samples, {missing} missing; loss {found.loss}.",
+        f"{verdict} {fitted.samples} samples, {missing} missing; loss {fitted.loss}.",
         "",
         "## Hinge",
         "",
-        *_hinge_table(found),
+        *_hinge_table(fitted),
         "",
-        f"u1 and u2 name the point of the axis {found.gauge.replace('_', ' ')}; along the axis only their difference "
-        "is seen. home is a rotation vector in the axes of body 1. Behind each number stands its standard deviation.",
+        f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
+        "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its standard "
+        "deviation.",
         "",
         "## Residuals",
         "",
-        *_residual_table(found),
+        *_residual_table(fitted),
         "",
         *(() if figure is None else (f"![Hinge angle and residuals over time]({figure.replace(os.sep, '/')})", "")),
         "## Findings",
         "",
-        *(f"- {text}" for text in found.findings or ("None.",)),
+        *(f"- {text}" for text in fitted.findings or ("None.",)),
         "",
         "## What to do",
         "",
-        *(f"- {text}" for text in _advice(found)),
+        *(f"- {text}" for text in _advice(fitted)),
         "",
     ]
-    if found.ok:
+    if fitted.ok:
         names = ("u1", "u2", "n", "home")
-        code = (f"{name} = {getattr(found.pair, name).tolist()}" for name in names)
+        code = (f"{name} = {getattr(fitted.pair, name).tolist()}" for name in names)
         call = "pair = hingepair.HingePair(u1=u1, u2=u2, n=n, home=home)"
         lines += ["## The pair in Python", "", "```python", *code, call, "```", ""]
     return "\n".join(lines)
 
 
 def _heading(inputs: list[Path]) -> list[str]:
+    """Return the lines at the beginning of a report."""
     return [f"# The hinge of {' and '.join(f'`{path.name}`' for path in inputs)}", ""]
 
 
-def _hinge_table(found: HingeFit) -> list[str]:
-    """Return the hinge and what was estimated with it, a row each, in Markdown."""
-    turn = np.degrees(rotation_vector(found.pair.home))
-    vectors = [(name, getattr(found.pair, name), np.asarray(found.std[name]), "m") for name in ("u1", "u2")]
-    vectors += [("n", found.pair.n, np.asarray(found.std["n"]), "1")]
-    if found.body2.S is not None:
-        vectors += [("home", turn, np.degrees(found.std["home"]), "deg")]
+def _hinge_table(fitted: HingeFit) -> list[str]:
+    """Return a Markdown table of the hinge and the other estimated quantities."""
+    turn = np.degrees(rotation_vector(fitted.pair.home))
+    vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
+    vectors += [("n", fitted.pair.n, np.asarray(fitted.std["n"]), "1")]
+    if fitted.body2.S is not None:
+        vectors += [("home", turn, np.degrees(fitted.std["home"]), "deg")]
     rows = [
         (name, ", ".join(f"{v:.6g} ± {s:.2g}" for v, s in zip(values, stds, strict=True)), unit)
         for name, values, stds, unit in vectors
     ]
-    low, high = np.degrees(found.psi_range)
+    low, high = np.degrees(fitted.psi_range)
     rows.append(("psi", f"{low:.4g} to {high:.4g}", "deg"))
-    if found.clock_offset is not None:
-        std = 1e3 * float(found.std["clock_offset"])
-        known = f"{1e3 * found.clock_offset:.4g} ± {std:.2g}" if np.isfinite(std) else "not determined, taken as 0"
+    if fitted.clock_offset is not None:
+        std = 1e3 * float(fitted.std["clock_offset"])
+        known = f"{1e3 * fitted.clock_offset:.4g} ± {std:.2g}" if np.isfinite(std) else "not determined, taken as 0"
         rows.append(("clock offset", known, "ms"))
-    if found.encoder is not None:
+    if fitted.encoder is not None:
         zero, scale = (
-            f"{getattr(found.encoder, key):.6g} ± {found.encoder.std[key]:.2g}" for key in ("zero", "scale")
+            f"{getattr(fitted.encoder, key):.6g} ± {fitted.encoder.std[key]:.2g}" for key in ("zero", "scale")
         )
         rows += [
             ("encoder: zero", zero, "rad"),
             ("encoder: scale", scale, "rad in a unit of the reading"),
-            ("encoder: noise", f"{found.encoder.noise:.2g}", "rad"),
+            ("encoder: noise", f"{fitted.encoder.noise:.2g}", "rad"),
         ]
     return _table(("", "value", "unit"), rows)
 
 
-def _residual_table(found: HingeFit) -> list[str]:
-    """Return what the fit leaves of the samples, in Markdown."""
-    kinds = [("gap", 1e3 * found.gap, 1e3 * found.rms_position, 1e3 * found.noise_position, "mm")]
-    if found.body2.S is not None:
-        rms, noise = np.degrees((found.rms_angle, found.noise_angle))
-        kinds.append(("tilt", np.degrees(found.tilt), float(rms), float(noise), "deg"))
+def _residual_table(fitted: HingeFit) -> list[str]:
+    """Return a Markdown table of the residuals."""
+    kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
+    if fitted.body2.S is not None:
+        rms, noise = np.degrees((fitted.rms_angle, fitted.noise_angle))
+        kinds.append(("tilt", np.degrees(fitted.tilt), float(rms), float(noise), "deg"))
     rows = []
     for name, values, rms, noise, unit in kinds:
         worst = int(np.nanargmax(values))
-        place = f"sample {worst}" if found.t is None else f"t = {found.t[worst]:.6g} s"
+        place = f"sample {worst}" if fitted.t is None else f"t = {fitted.t[worst]:.6g} s"
         middle, most = np.nanquantile(values, (0.5, 0.95))
         numbers = (f"{number:.3g}" for number in (rms, middle, most, values[worst]))
         rows.append((name, *numbers, place, f"{noise:.3g}", unit))
@@ -295,32 +305,33 @@ def _residual_table(found: HingeFit) -> list[str]:
 
 
 def _table(heading: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the lines of a Markdown table."""
     return [f"| {' | '.join(row)} |" for row in (heading, ("---",) * len(heading), *rows)]
 
 
-def _advice(found: HingeFit) -> list[str]:
-    """Return what to do next, in sentences."""
+def _advice(fitted: HingeFit) -> list[str]:
+    """Return sentences that recommend what to do next."""
     advice = []
-    if not found.ok:
+    if not fitted.ok:
         advice.append("Do not use these numbers: the first finding says why.")
-        if found.loss == "linear":
+        if fitted.loss == "linear":
             advice.append("Repeat with `--loss cauchy` where some samples may be outliers.")
-    low, high = np.degrees(found.psi_range)
+    low, high = np.degrees(fitted.psi_range)
     if high - low < _MIN_TURN:
         advice.append(
             f"Let the hinge turn further than {high - low:.2g} deg: the standard deviations of the axis and of the "
             "point fall in proportion."
         )
-    if found.clock_offset is not None and found.std["clock_offset"] > 0:
-        certain = abs(found.clock_offset) > _MIN_CERTAIN_OFFSET * found.std["clock_offset"]
+    if fitted.clock_offset is not None and fitted.std["clock_offset"] > 0:
+        certain = abs(fitted.clock_offset) > _MIN_CERTAIN_OFFSET * fitted.std["clock_offset"]
         if not certain:
             advice.append(
                 "Repeat with `--clock-offset 0` if both bodies were recorded by one clock: it is more certain."
             )
-    if found.samples < (1 - _MAX_MISSING) * found.psi.size:
+    if fitted.samples < (1 - _MAX_MISSING) * fitted.psi.size:
         advice.append("Find out why so many samples are missing; a gap in the motion costs certainty.")
-    if found.ok:
+    if fitted.ok:
         advice.append("Check the hinge on a second recording: `pair.residuals(body1, body2, tolerances)`.")
-        if found.t is not None:
+        if fitted.t is not None:
             advice.append("Write the pair and its motion as a scene by `--scene FILE.toml`, for every other command.")
     return advice
