@@ -99,9 +99,9 @@ def fit_command(
     """Fit a hinge to the recorded motion of two bodies.
 
     The results are n, home, u1, u2 and psi with their standard deviations, and a verdict on whether the motion is
-    that of a hinge. Columns are read by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1;
-    for body 2 these names with 2, or only the position of a point whose attitude was not measured. If each body has
-    a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
+    that of a hinge. Columns are read by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1,
+    qz1, qw1; for body 2 these names with 2, or only the position of a point whose attitude was not measured. If each
+    body has a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
     recordings do not determine a hinge.
     """
     _check_names(out, plot, scene, report)
@@ -229,8 +229,8 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         *_hinge_table(fitted),
         "",
         f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
-        "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its standard "
-        "deviation.",
+        "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its "
+        "standard deviation.",
         "",
         "## Residuals",
         "",
