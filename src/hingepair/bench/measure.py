@@ -237,7 +237,7 @@ def _format_cell(value: Any) -> str:
 def format_number(number: float) -> str:
     """Return a number as text with three significant digits, or with all digits before the point.
 
-    >>> digits(1234.5), digits(0.0123456)
+    >>> format_number(1234.5), format_number(0.0123456)
     ('1,234', '0.0123')
     """
     return f"{number:,.0f}" if number >= 100 else f"{number:.3g}"
@@ -246,7 +246,7 @@ def format_number(number: float) -> str:
 def format_duration(seconds: float) -> str:
     """Return a duration as text, with the largest unit in which it is at least 1.
 
-    >>> duration(1.234e-8), duration(0.25)
+    >>> format_duration(1.234e-8), format_duration(0.25)
     ('12.3 ns', '250 ms')
     """
     unit = next((unit for unit, size in _TIME_UNITS.items() if seconds >= size), "ns")
