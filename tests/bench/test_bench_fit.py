@@ -46,6 +46,7 @@ def test_the_command_prints_rows():
     }
 
 
+@pytest.mark.slow
 def test_an_absent_qmt_is_said(monkeypatch):
     monkeypatch.setattr("hingepair.bench.measure.find_spec", lambda _: None)
     rows, notes = bench._measure_axis_fits([50], 1)

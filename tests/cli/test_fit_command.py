@@ -36,6 +36,7 @@ def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     assert told["loss"] == "cauchy"
 
 
+@pytest.mark.slow
 def test_what_shows_no_hinge_has_exit_code_1(tmp_path):
     fixed = saved(tmp_path / "fixed.csv", recording(300, Q=HOME))
     done = CliRunner().invoke(app, ["fit", fixed])
@@ -91,6 +92,7 @@ def saved_columns(path, made, **columns):
     return Record(made.t, {"R1": made.R1, "S1": made.S1} | columns).save(path)
 
 
+@pytest.mark.slow
 def test_an_encoder_is_a_column_of_the_file(tmp_path):
     made = recording(600, 1e-3, 1e-2)
     reading = np.degrees(0.4 - made.psi + 1e-3 * np.random.default_rng(1).standard_normal(600))
@@ -110,6 +112,7 @@ def test_an_encoder_is_a_column_of_the_file(tmp_path):
     assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
 
 
+@pytest.mark.slow
 def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
@@ -141,6 +144,7 @@ def test_columns_that_are_missing_are_named(tmp_path):
     assert "report: expected a file name that ends in .md" in refused(file, "--report", tmp_path / "fit.pdf")
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     file, report, plot = saved(tmp_path / "a.npz", made), tmp_path / "out" / "fit.md", tmp_path / "fit.png"

@@ -37,6 +37,7 @@ def test_forces_of_a_scene_are_those_of_its_motion():
     assert (units["force1"], units["torque1"]) == ("N", "N m")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_the_command_prints_and_writes_them(tmp_path):
     scene, out = str(MODELS / "landing_gear.toml"), tmp_path / "forces.csv"

@@ -140,6 +140,7 @@ def test_the_motion_is_the_integral_of_its_accelerations():
         np.testing.assert_allclose(np.diff(value[::2], axis=0), simpson(rate), rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_base_that_moves_as_given_carries_the_hinge_along():
     """Shaken sideways, a pendulum in no gravity sees the inertia of its mass: the torques agree at each instant."""
     pair = pendulum()

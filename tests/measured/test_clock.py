@@ -189,6 +189,7 @@ def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -
     assert found.body2.S is None
 
 
+@pytest.mark.slow
 def test_an_exact_offset_of_a_point_is_exact() -> None:
     """In the middle between samples: from step to step another sample is the nearest one."""
     t, body1, body2 = recorded(12.5e-3, 600, noise=0.0)
@@ -205,6 +206,7 @@ def test_an_exact_offset_of_a_point_is_exact() -> None:
         hp.fit(body1, as_point(body2), t=t, clock_offset=100.0)
 
 
+@pytest.mark.slow
 def test_a_point_beside_a_body_1_at_rest_does_not_determine_the_offset() -> None:
     """A delayed point runs along the same circle."""
     t, body1, body2 = recorded(10e-3, moving=0.0)

@@ -283,6 +283,7 @@ def later(columns: list[np.ndarray], samples: int) -> list[np.ndarray]:
     return [*(column[:-samples] for column in columns[:2]), *(column[samples:] for column in columns[2:])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [20, 50, 100])
 def test_what_is_no_hinge_is_not_passed(samples: int) -> None:
     """Clocks that differ by 0.2 s and more: the point comes out 0.1 m off, with a small standard deviation."""
@@ -296,6 +297,7 @@ def test_what_is_no_hinge_is_not_passed(samples: int) -> None:
     assert "not at random: they do not turn about one axis" in " ".join(axis.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-3, 1e-2])
 def test_noise_is_not_said_to_be_another_joint(noise: float) -> None:
     columns = felt(noise=noise)
@@ -303,6 +305,7 @@ def test_noise_is_not_said_to_be_another_joint(noise: float) -> None:
     assert hp.fit_anchor(T, *columns).findings == ()
 
 
+@pytest.mark.slow
 def test_units_of_sensors_are_asked_about() -> None:
     omega1, f1, omega2, f2 = felt(noise=1e-2)
     point = hp.fit_anchor(T, omega1, f1 / 9.80665, omega2, f2 / 9.80665)

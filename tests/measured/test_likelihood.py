@@ -221,6 +221,7 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
     assert (lag > 0) is unresolved
 
 
+@pytest.mark.slow
 def test_few_scores_are_not_added_up() -> None:
     """Chance makes neighbours of a few samples alike; what is more than chance is said."""
     assert summed_neighbours(autoregressive(30, 1e-3, 2)) == (1, 0)

@@ -242,6 +242,7 @@ def exact_accelerations(robot, coordinates, motion, tau, loads):
         return np.array([list(one) for one in found], dtype=object)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", ["ordinary", pytest.param("quick", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("arm", LINKS)

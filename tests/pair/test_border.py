@@ -96,6 +96,7 @@ def test_any_shape_and_layout(motion, names):
         found.R2[...] = 0
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(moving, st.sampled_from(["<f4", ">f4", "<i8", "<i4", ">i2", "<u2", "|i1"]))

@@ -42,6 +42,7 @@ def truth(constants, motion, hinge):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", ["home", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("no_home", "axis_z", "u2_zero"))]
 )

@@ -78,6 +78,7 @@ def test_many_joints_share_panels(tmp_path):
     assert {tuple(line.get_ydata()) for line in limits} == {(0.02, 0.02)}
 
 
+@pytest.mark.slow
 def test_outputs_are_drawn_alone_and_in_their_units(excavator):
     figure = hp.plot(excavator, ("S_teeth", "tau", "boom"))
     titles = [axes.get_title() for axes in figure.axes]

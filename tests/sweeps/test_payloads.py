@@ -105,6 +105,7 @@ def one_by_one(monkeypatch):
     return counted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ON_A_BASE)
 def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(base, one_by_one):
     sweep = sweep_of(crane(base), VARIED, '"tau", "force1", "torque1", "R_jaw", "q"')

@@ -192,6 +192,7 @@ def test_whole_motions_are_those_of_the_scenes(kind, ending):
         assert np.abs(found[column] - whole).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inertia", ["inertia = [0.1, 0.2, 0.2], ", ""], ids=["given", "of_shapes"])
 def test_masses_that_follow_from_shapes_are_those_of_the_scene(inertia):
     shapes = "shapes = [{ sphere = 0.1, center = [0, 0.2, 0.3] }]"
@@ -309,6 +310,7 @@ def test_a_cluster_without_workers_is_waited_for_and_one_that_ends_is_named():
     assert len(table(swept("grid", "ended.parquet"))["variant"]) == 9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [b"", b"PK", None], ids=["empty", "begun", "cut"])
 def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
     undisturbed = Path(swept("grid", "whole.parquet")).read_bytes()

@@ -116,6 +116,7 @@ def test_body_2_takes_quaternions_of_any_length_and_refuses_the_rest():
         twin.body2(v)
 
 
+@pytest.mark.slow
 def test_the_quaternion_is_unit_for_every_attitude():
     """Half turns, where the scalar part vanishes, and attitudes next to the identity; every pivot is used."""
     turns = [np.diag(d) for d in ((1.0, 1, 1), (1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))]

@@ -167,6 +167,7 @@ HARM = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", HARM)
 def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     motion = scenes(SPACE, "free").motion.simulated
