@@ -197,6 +197,7 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
     results = np.empty_like(rows[1])
 
     def run() -> Array:
+        """Compute the unknowns of every sample by MuJoCo, one sample at a time; return them row by row."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)
@@ -312,6 +313,7 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _INITIAL_OMEGA, (1.0,)])
 
     def run() -> tuple[Array, Array]:
+        """Simulate by SciPy's DOP853; return the unit quaternions (w, x, y, z) of body 1, and psi [rad]."""
         y = solve_ivp(
             rates,
             (_SIMULATION_TIMES[0], _SIMULATION_TIMES[-1]),
@@ -342,6 +344,7 @@ def textbook_rates(pair: HingePair, torque: Callable[[float], float]) -> Callabl
     g = np.array(GRAVITY)
 
     def rates(_: float, y: Array) -> Array:
+        """Return the time derivative of the state: position, quaternion, psi, and their velocities."""
         w, x, z, u = y[3:7] / np.sqrt(y[3:7] @ y[3:7])
         q = np.array([x, z, u])
         Q = _skew_matrix(q)

@@ -222,6 +222,7 @@ def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
+    """Estimate the hinge axis by qmt (Olsson et al.) in the axes of both bodies; shape (3,) each."""
     import qmt
 
     omega1, f1, omega2, f2 = recording
@@ -301,6 +302,7 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
     count = len(p)
 
     def residuals(x: Array) -> Array:
+        """Return what remains of E1 and E5 at every sample, and of the constraints on the unknowns."""
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)

@@ -169,6 +169,7 @@ def _long_run_job(motion: RotationCase, t: Array) -> Job:
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
+        """Return omega1 at the nodes [rad/s], stored for later calls at the same nodes."""
         key = len(nodes), nodes[0], nodes[-1]
         if key not in computed:
             computed[key] = motion.omega(nodes)
@@ -198,6 +199,7 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
     sin, cos = math.sin, math.cos
 
     def rate(t: float, quat: Any) -> tuple[float, ...]:
+        """Return the time derivative of the quaternion (w, x, y, z) under the known omega1(t)."""
         u = (1.5 + 2.5 * sin(t)) / size
         v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
         w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size

@@ -134,6 +134,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
     level, world = len(inputs), pin.LOCAL_WORLD_ALIGNED
 
     def read(*rows: Array) -> OutputArrays:
+        """Compute the outputs of body 2 for one sample by Pinocchio."""
         pin.forwardKinematics(model, data, *rows)
         placement = pin.updateFramePlacement(model, data, frame)
         outputs = {"R2": placement.translation, "S2": placement.rotation}
@@ -150,6 +151,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
         return lambda: read(*first)
 
     def run() -> OutputArrays:
+        """Compute the outputs of body 2 for every sample by Pinocchio, one sample at a time."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for name, value in read(*rows).items():
                 buffers[name][i] = value
@@ -179,6 +181,7 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
     angular, linear = six[:3, 0], six[3:, 0]
 
     def run() -> OutputArrays:
+        """Compute the outputs of body 2 for every sample by MuJoCo, one sample at a time."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for target, source in zip(targets, rows, strict=False):
                 target[:] = source
@@ -330,6 +333,7 @@ def pinocchio_cycle_job(
     q, rates, zeros = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
 
     def run() -> Any:
+        """Compute the pose, twist, Jacobian and acceleration bias of a robot's frame for one state by Pinocchio."""
         pin.forwardKinematics(model, data, q, rates, zeros)
         placement = pin.updateFramePlacement(model, data, frame)
         twist = pin.getFrameVelocity(model, data, frame, world)

@@ -91,6 +91,7 @@ def write_picture(rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format:
 
 
 def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
+    """Draw the curves of a panel on its Matplotlib axes; clip points beyond the panel's largest y."""
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:
         axes.set_xlim(*panel.x_range)

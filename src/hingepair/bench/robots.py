@@ -381,6 +381,7 @@ def mujoco_robot_job(task: RobotTask) -> Job:
     results = np.empty_like(rows[1])
 
     def run() -> Array:
+        """Compute the unknowns of every sample by MuJoCo, one sample at a time; return them row by row."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)

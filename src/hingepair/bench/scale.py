@@ -220,6 +220,7 @@ def _recording_cpu(job: Job, seconds: list[float]) -> Job:
     """Return a job that appends the processor time of all threads of each call [s]."""
 
     def run() -> Any:
+        """Run the job, and store the processor time that the job took [s]."""
         start = time.process_time()
         result = job()
         seconds.append(time.process_time() - start)

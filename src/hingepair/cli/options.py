@@ -20,6 +20,7 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run_command(*args: Any, **values: Any) -> None:
+        """Run the command; errors name the option of the command line instead of the Python argument."""
         try:
             command(*args, **values)
         except ArgumentError as error:

@@ -255,7 +255,8 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
     execution = execution_of(backend, 1)
 
-    # Its motion, first state, steps, samples, and whether the user's event ended it.
+    # Simulate at a tolerance; return the motion, the first state, the steps, the samples, and whether the user's
+    # event ended the motion.
     def run_simulation(
         tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:

@@ -420,6 +420,7 @@ def _register_for_jax(result_class: Any) -> None:
         return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
 
     def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
+        """Rebuild a result from its arrays, as JAX asks for after a transformation."""
         names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
         by_name = dict(zip(names, arrays, strict=True))
         shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are no arrays

@@ -180,6 +180,7 @@ class PrefixScan:
         return whole
 
     def _run(self, loop: Loop, elements: Array, before: Array, execution: Execution) -> None:
+        """Run a loop over the elements in place, with the prefix products that precede them."""
         loop.run(
             {"element": elements, "prefix": before},
             {"element": elements},

@@ -285,6 +285,7 @@ class Mechanism(MechanismMethods):
         return "\n".join((title, *aligned(rows, {4, 5, 6, 7, 8, 10}), *notes))
 
     def _sheet(self) -> Sheet:
+        """Return the table of the moving joints: title, rows and notes."""
         joints = self.tree.joints
         geared = any(joint.armature for joint in joints)
         rows: list[tuple[str, ...]] = [(*_TABLE_HEADINGS, _ARMATURE_HEADING) if geared else _TABLE_HEADINGS]

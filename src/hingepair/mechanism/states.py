@@ -143,6 +143,7 @@ class JointResults(Results):
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
+        """Return the table of the values of one sample, or of the largest magnitudes over all samples."""
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
         table, _, columns = self._table()

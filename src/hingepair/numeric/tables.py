@@ -101,6 +101,7 @@ def json_text(report: Any) -> str:
 
 
 def _finite_or_none(value: Any) -> Any:
+    """Return a copy of nested values in which numbers that are not finite are None."""
     if isinstance(value, Mapping):
         return {key: _finite_or_none(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -148,6 +149,7 @@ class Shown:
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
+        """Return the table as HTML, which notebooks show."""
         from html import escape
 
         title, (heading, *rows), notes = self._sheet()

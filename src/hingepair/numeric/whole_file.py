@@ -50,6 +50,7 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
 
 @contextlib.contextmanager
 def _beside(target: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
+    """Yield a temporary file in the target's folder; replace the target by it when the block ends without error."""
     if there is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied")
     path = target.with_name(f".hingepair-{uuid4().hex}")
@@ -79,6 +80,7 @@ def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
 
 
 def _is_own_output(there: os.stat_result) -> bool:
+    """Return whether a file is the standard output of this process."""
     try:
         return os.path.samestat(there, os.fstat(sys.stdout.fileno()))
     except (OSError, ValueError, AttributeError):  # closed, or a caller's

@@ -254,12 +254,14 @@ def error_bounds_from_body1(
 
 
 def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
+    """Return bounds on the rounding errors of the outputs of a plan for given inputs, by output name."""
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
     made_of = {name: parts for name, parts in _LEVERS_OF_CONSTANTS.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
+        """Run the plan on inputs with error bounds; return the largest bound of each output."""
         bounded = {
             name: _bounded_inputs(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()
         }

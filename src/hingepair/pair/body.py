@@ -286,6 +286,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _positive(name: str, value: object) -> float:
+    """Check that a value is a finite number above 0, and return it as a float."""
     number = finite_number(name, value)
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)

@@ -120,6 +120,7 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
+    """Return two unit vectors perpendicular to n, and n, in the axes of body 1 and of body 2."""
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))

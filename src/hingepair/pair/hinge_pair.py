@@ -726,6 +726,7 @@ class HingePair(Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
+    """Check limits of the hinge angle [rad], and return them as (lower, upper); None where there are none."""
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)

@@ -179,6 +179,7 @@ def prepare(
 
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
+    """Check the names of inputs, among them one attitude of body 1, and return them as a tuple."""
     try:
         names = _INPUTS_BY_KIND[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):

@@ -64,6 +64,7 @@ class ResidualCheck(NamedTuple):
         return self.samples > 0 and self.ratio <= 1
 
     def _cells(self) -> tuple[str, ...]:
+        """Return the cells of the row of this residual in the printed table."""
         if self.worst_sample is None:
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"

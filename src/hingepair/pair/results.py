@@ -246,9 +246,11 @@ def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[
 
 @contextlib.contextmanager
 def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
+    """Yield a function that appends rows to a CSV file; the first call writes the heading."""
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Append rows of instants t [s] and of arrays by name, one line per instant."""
         nonlocal begun
         if not begun:
             begun = True
@@ -263,10 +265,12 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 
 @contextlib.contextmanager
 def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
+    """Yield a function that appends rows to a Parquet file, whose metadata hold the description and units."""
     arrow, parquet = needed_package("pyarrow", "save"), needed_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Append a row group of instants t [s] and of arrays by name."""
         nonlocal writer
         own = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
@@ -285,10 +289,12 @@ def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]
 def _open_at_end(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
+    """Yield a function that collects rows in memory; write the file when the block ends."""
     kept: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Collect instants t [s] and arrays by name; arrays of all samples are kept without a copy."""
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:

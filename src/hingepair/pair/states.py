@@ -92,6 +92,7 @@ class PairState(Results):
         return self._motion("1")
 
     def _motion(self, body: str) -> BodyMotion:
+        """Return the motion of body 1 or 2 from the outputs that were computed for the body."""
         for letter in "RS":
             if letter + body not in self.outputs:
                 raise ArgumentError("outputs", f"R{body} and S{body}, of which body{body} is made", self.outputs)

@@ -200,6 +200,7 @@ def _sizes(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
+    """Check a covariance of the twelve deviations, and return it exactly symmetric; shape (12, 12)."""
     own = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(own).max()
     allowed = _COVARIANCE_ROUNDING * largest

@@ -220,6 +220,7 @@ class Computation:
         return self._frame_changes(self.changes)
 
     def _frame_changes(self, changes: Sequence[eq.Rates]) -> list[eq.Rates]:
+        """Return the accelerations of the frames, from the acceleration terms of the links that carry them."""
         return [
             eq.frame_acceleration(pose, self.rates[body][1], changes[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
@@ -372,6 +373,7 @@ class Computation:
         return self._solved_densely() if self.form.mimics else self._solved_by_bodies()
 
     def _solved_by_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
+        """Solve forward dynamics by articulated bodies (T5); return a1, alpha1 and q''."""
         steps, base = self.articulated
         left, (force, torque) = eq.given_way(self.links, self.places, steps, self.motor_loads)
         a = alpha = eq.ZERO

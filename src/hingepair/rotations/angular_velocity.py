@@ -55,6 +55,7 @@ def angular_velocity(
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
     def turning(values: Named) -> Named:
+        """Return omega from S and S', and on request the largest symmetric part of S' S^T."""
         W = eq.angular_velocity_of(values["S"], values["S_dot"])
         found: Named = {"omega": eq.unskew(W)}
         if with_defect:

@@ -101,6 +101,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles(values: Named) -> Named:
+        """Return the Euler angles phi of S, and the sine or cosine that vanishes at gimbal lock."""
         given = values["S"]
         canonical = nine(given[3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
@@ -279,6 +280,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _lock_limit(arguments["phi"])
 
     def function(values: Named) -> Named:
+        """Return J, J^-1, J', the condition number and the distance from gimbal lock [rad] by name."""
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
         found: Named = {"J": beside(*order.columns(axes))}

@@ -118,6 +118,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
+        """Return the rotation matrix of a rotation vector (E6), corrected for the rounding of axis and angle."""
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)

@@ -156,6 +156,7 @@ class SceneResult(Frozen, Result):
         return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
+        """Return the names of the attributes that can be computed from this result."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
@@ -191,6 +192,7 @@ class Scene(Sampled):
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
+        """Return the table of the scene: title, and rows of name, value and unit."""
         rows = [
             ("pair", self.pair.name, ""),
             ("motion", f"{self.motion.origin}; {self.motion.turning}", ""),

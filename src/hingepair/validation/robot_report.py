@@ -136,6 +136,7 @@ class RobotValidation(Shown):
         return f"RobotValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
+        """Return the table of the comparison: title, one row per output, and notes with the verdict."""
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]

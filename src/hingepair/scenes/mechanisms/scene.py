@@ -238,6 +238,7 @@ class MechanismScene(Sampled):
         return f"MechanismScene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
+        """Return the table of the scene: title, and rows of name, value and unit."""
         robot = self.mechanism
         rows = [
             ("mechanism", f"{robot.name}, {robot.dof} joints, {robot.base} base", ""),
