@@ -21,7 +21,7 @@ import hingepair as hp
 from hingepair.bench import direct, engines, measure, peers, plot, skip, truth
 from hingepair.bench.measure import Method, Report, Row, available_methods, make_rows, time_interleaved
 from hingepair.bench.peers import LEVEL_OUTPUTS
-from hingepair.bench.plot import Curve, Panel, draw_panels, write_picture
+from hingepair.bench.plot import MethodCurve, Panel, draw_panels, write_picture
 from hingepair.cli import bench as command
 from hingepair.cli.main import app
 from support.reference import from_euler
@@ -259,9 +259,10 @@ def test_no_cell_of_the_report_is_cut(capsys):
 @pytest.mark.slow
 def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
     curves = [
-        Curve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], second_is_hard=True) for i in range(14)
+        MethodCurve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], second_is_hard=True)
+        for i in range(14)
     ]
-    curves.append(Curve("infinite", [(5.0, 2.0), (5.0, math.inf)], second_is_hard=True))
+    curves.append(MethodCurve("infinite", [(5.0, 2.0), (5.0, math.inf)], second_is_hard=True))
     panel = Panel("a", "x", "y", curves, min_x=1.0, max_y=10.0)
     path = tmp_path / "p.svg"
     draw_panels([[panel, panel._replace(max_y=None, x_descending=True, curves=curves[:3])]]).savefig(path)
@@ -276,7 +277,7 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
 
     names = [f"robot {k}" for k in range(4)]
     methods = ["hingepair", "Python loop", "C++ loop", "batches", "MuJoCo", "frax"]
-    curves = [Curve(name, [(10.0**i, float(k)) for k in range(4)]) for i, name in enumerate(methods)]
+    curves = [MethodCurve(name, [(10.0**i, float(k)) for k in range(4)]) for i, name in enumerate(methods)]
     panel = Panel("pose", "run time", "", curves, y_names=names, x_range=(0.1, 1e6))
     file = io.BytesIO()
     write_picture([[panel, panel], [panel, panel]], file, "png")

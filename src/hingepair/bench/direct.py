@@ -34,7 +34,7 @@ from hingepair.bench.peers import (
     LEVEL_OUTPUTS,
     make_kinematics_task,
 )
-from hingepair.bench.plot import Curve, Panel
+from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.truth import TRUTH_DIGITS, ExactResults, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
@@ -162,7 +162,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
             row.method: (row.min_seconds / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]
         }
         curves = [
-            Curve(name, [(ns, row.error), (ns, row.more[HARD_ERROR_COLUMN])], second_is_hard=True)
+            MethodCurve(name, [(ns, row.error), (ns, row.more[HARD_ERROR_COLUMN])], second_is_hard=True)
             for name, (ns, row) in times.items()
             if name in drawn and row.error is not None
         ]

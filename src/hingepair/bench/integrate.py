@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.measure import Job, Report, Row, make_rows, print_progress, time_interleaved
-from hingepair.bench.plot import Curve, Panel
+from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.truth import rotation_about_axis, rotation_of_quaternion, skew_vector
 from hingepair.errors import GimbalLockError
 from hingepair.integration.integrate import integrate as integrate_pair
@@ -263,11 +263,11 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
     ]
 
 
-def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[Curve]:
+def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
     """Return the curves of errors against a column of a case, or against the run time [ms] for None."""
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         x = row.min_seconds * 1e3 if column is None else row.more.get(column)
         if row.case == case and x is not None and row.error is not None:
             points.setdefault(_method_of_label(row.method), []).append((x, row.error))
-    return [Curve(name, curve_points) for name, curve_points in points.items()]
+    return [MethodCurve(name, curve_points) for name, curve_points in points.items()]

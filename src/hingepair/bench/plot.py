@@ -16,7 +16,7 @@ _PALETTE_SIZE = 256  # colours of a PNG: those of the curves, and the shades of 
 _CURVE_MARKERS = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-white print can tell them apart
 
 
-class Curve(NamedTuple):
+class MethodCurve(NamedTuple):
     """The curve of one method in a panel."""
 
     name: str  # of the method, in the legend
@@ -30,7 +30,7 @@ class Panel(NamedTuple):
     title: str
     x_label: str
     y_label: str
-    curves: list[Curve]
+    curves: list[MethodCurve]
     min_x: float | None = None  # a vertical line marks this lower limit of x: the time of copying the outputs
     # Upper end of a linear y axis from 0; points above it stand at the edge with their number. Logarithmic if None.
     max_y: float | None = None

@@ -36,7 +36,7 @@ from hingepair.bench.measure import (
     print_progress,
 )
 from hingepair.bench.peers import HINGEPAIR_NAME, PREPARED_NAME
-from hingepair.bench.plot import Curve, Panel
+from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.robot_truth import ROBOT_TRUTH_DIGITS, ExactRobot
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
@@ -76,7 +76,7 @@ PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, o
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
 _CPP_JOINT_KINDS: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
 # axes of joint models, by their last letter
-_COORDINATE_AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_AXES_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
 class RobotTask(NamedTuple):
@@ -149,7 +149,7 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
         for row in cases:
             point = row.min_seconds / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
             curves.setdefault(f"{row.method}: error {errors[row.method]:.0e}", []).append(point)
-        workload_curves = [Curve(*item) for item in curves.items()]
+        workload_curves = [MethodCurve(*item) for item in curves.items()]
         panels.append(
             Panel(
                 case_name(workload, size),
@@ -321,7 +321,7 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
     kinds = [_CPP_JOINT_KINDS.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
-    axes = [_COORDINATE_AXES.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
+    axes = [_AXES_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
     arrays = [

@@ -15,6 +15,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.pair.accuracy import euler_rate_sizes, output_scales
 
 Array: TypeAlias = NDArray[Any]
@@ -24,10 +25,9 @@ PairNumbers: TypeAlias = Mapping[str, Any]
 TRUTH_DIGITS = 700
 """Decimal digits; an angle of 1e300 keeps 400 of them, and second differences over 1e-100 s take another 200."""
 _DIFFERENCE_EXPONENT = 100  # the time step of finite differences is 1e-100 s divided by the size of the rates
-_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 
 # Places of phi_y, of psi and of all angles among the seven coordinates.
-_PHI_Y_INDEX, _PSI_INDEX = 4, 6
+_PHI_Y_INDEX, _PSI_COORDINATE_INDEX = 4, 6
 _ANGLE_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
 
 
@@ -119,7 +119,7 @@ class ExactResults:
             with mpmath.workdps(TRUTH_DIGITS):
                 for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
                     gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
-                    worst = max(worst, float(gap / max(_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)))
+                    worst = max(worst, float(gap / max(UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)))
         return worst
 
 
@@ -151,8 +151,10 @@ def hard_states(rng: np.random.Generator, parts: int) -> MotionArrays:
         parts: 1 for q alone, 2 for q and qd, 3 for all.
     """
     quarter = math.pi / 2
-    changes: list[tuple[Any, Any, float]] = [(_PSI_INDEX, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
-    changes += [(_PSI_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)]
+    changes: list[tuple[Any, Any, float]] = [(_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
+    changes += [
+        (_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
+    ]
     changes += [(_PHI_Y_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)]
     changes += [(_ANGLE_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
     changes += [(_ANGLE_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]

@@ -17,7 +17,7 @@ from hingepair.mechanism.tree import Tree
 from hingepair.numeric.tables import aligned, json_text
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import HINGES, SLIDERS, Joint, Mimic, Robot
+from hingepair.urdf.records import HINGES, SLIDERS, JointRecord, MimicRecord, Robot
 
 # Headings of the two tables: of robots, and of the joints of one.
 COUNT_COLUMNS = ("robot", "dof", "hinges", "sliders", "following")
@@ -117,7 +117,7 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
     return facts
 
 
-def _joint_row(robot: Robot, joint: Joint) -> dict[str, Any]:
+def _joint_row(robot: Robot, joint: JointRecord) -> dict[str, Any]:
     """Return links, axis, pose and limits of a joint, or the error if it cannot be loaded."""
     kind = "hinge" if joint.type in HINGES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
@@ -152,7 +152,7 @@ def _mimic_text(row: dict[str, Any]) -> str:
     mimic = row["mimic"]
     if mimic is None:
         return str(row["follows"])
-    return str(Mimic(mimic["joint"], mimic["multiplier"], mimic["offset"]))
+    return str(MimicRecord(mimic["joint"], mimic["multiplier"], mimic["offset"]))
 
 
 def _robot_sentences(name: str, report: dict[str, Any]) -> Sequence[str]:

@@ -45,7 +45,7 @@ PrescribedMotion: TypeAlias = Callable[[Array], BodyMotion]
 HingeMotion: TypeAlias = Callable[[Array], Any]
 """psi, psi' and psi'' at instants (n,) [s]; each (n,)."""
 
-_CAYLEY_SLICE, _PSI_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
+_CAYLEY_SLICE, _PSI_STATE_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
 
 # Components of the state by name.
 _STATE_INDICES = {
@@ -53,7 +53,7 @@ _STATE_INDICES = {
     "momentum": slice(3, 6),
     "angular_momentum": slice(6, 9),
     "g": _CAYLEY_SLICE,
-    "psi": _PSI_INDEX,
+    "psi": _PSI_STATE_INDEX,
     "psid": 13,
 }
 # Steps that take the components from the state.
@@ -154,7 +154,7 @@ class PairMotion:
         constants = Constants(constants_by_name, {}, ())
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
-            plan = _make_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
+            plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
             return call_of(constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend)
 
         if not self._is_free_or_pinned:
@@ -183,7 +183,7 @@ class PairMotion:
         length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + total_mass * length**2
         self.sizes = np.repeat([length, total_mass * length, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
-        self.rate_mask, self.psi_index = _RATE_MASK, _PSI_INDEX
+        self.rate_mask, self.psi_index = _RATE_MASK, _PSI_STATE_INDEX
 
     @property
     def callable_names(self) -> tuple[str, ...]:
@@ -212,7 +212,7 @@ class PairMotion:
         rates: Array = results["state_rates"]
         if self.held or self._hinge:
             rates = rates.copy()
-            rates[:, _PSI_INDEX:] = np.stack([inputs["psid"], inputs["psidd"]], axis=-1) if self._hinge else 0.0
+            rates[:, _PSI_STATE_INDEX:] = np.stack([inputs["psid"], inputs["psidd"]], axis=-1) if self._hinge else 0.0
         return rates
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
@@ -363,7 +363,7 @@ def _run_call(call: Call, values: Mapping[str, Any]) -> Any:
 
 
 @functools.cache
-def _make_plan(base: str, is_planar: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
+def _make_state_plan(base: str, is_planar: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
     """Make the plan from the state, or from S1, omega1, psi and psi' where `is_planar` is None, to some outputs."""
     hinge, body1_steps = steps_of(None, home), list[Step]()
     if is_planar is not None:

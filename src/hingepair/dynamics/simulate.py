@@ -42,7 +42,7 @@ _REFERENCE_TOLERANCE_FACTOR = 1e-3  # of the tolerance: that of the second run, 
 _MIN_LOAD_EVALUATIONS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
 _REFERENCE_EVALUATION_FACTOR: Final = 4.3  # of these evaluations: those of the second run
 _PROGRESS_CHECK_PERIOD = 1000  # trial steps after which progress is checked
-_MAX_TRIALS = 1e6  # trial steps; a motion that needs more by its progress is refused
+_MAX_STEP_TRIALS = 1e6  # trial steps; a motion that needs more by its progress is refused
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -466,7 +466,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             stepper.set_state(motion.restart_attitude(stepper.state))
             if stepper.trials >= last_trials + _PROGRESS_CHECK_PERIOD:
                 remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-                if remaining > _MAX_TRIALS:
+                if remaining > _MAX_STEP_TRIALS:
                     reason = (
                         f"some {remaining:.0g} more steps would be needed; {_explain_failure(motion, start, stepper)}"
                     )

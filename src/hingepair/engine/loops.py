@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
-_BLOCK_SAMPLES: Final = 2048
+_NUMPY_BLOCK_SAMPLES: Final = 2048
 """Number of samples that NumPy computes at a time: 16 kB for each component."""
 
 _MAX_CONVERTED_BYTES: Final = 4_000_000
@@ -354,7 +354,7 @@ class Program:
                     for output, result in zip(outputs, results, strict=True):
                         output[block] = result
 
-        blocks: list[Block] = [*split(shape, _BLOCK_SAMPLES)] if inputs else [()]
+        blocks: list[Block] = [*split(shape, _NUMPY_BLOCK_SAMPLES)] if inputs else [()]
         workers = min(workers, len(blocks))
         run_in_threads(run_blocks, [blocks[i::workers] for i in range(workers)])
 

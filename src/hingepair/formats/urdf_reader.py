@@ -19,7 +19,7 @@ from hingepair.mechanism.shapes import body_drawing, link_shapes
 from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import Joint, Robot
+from hingepair.urdf.records import JointRecord, Robot
 from hingepair.urdf.rigid import HERE, FramePose, combined
 
 
@@ -94,11 +94,11 @@ def hinge_pair(
     )
 
 
-def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, FramePose]:
+def _fixed_to(robot: Robot, hinge: JointRecord, link: str) -> dict[str, FramePose]:
     """Return rotation and origin of every link rigidly fixed to a hinge's link, in the axes of that link."""
     robot.check_link(link, hinge)
     poses = {link: HERE}
-    waiting: list[tuple[str, Joint]] = [(link, hinge)]
+    waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
     with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
         while waiting:
             here, come_by = waiting.pop()

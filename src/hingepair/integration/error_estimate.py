@@ -31,6 +31,7 @@ from hingepair.integration.signals import CallableSignal, ConstantSignal, Sample
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 MAX_MEASURED_STEPS: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
@@ -41,7 +42,6 @@ MIN_CHECKED_STEPS: Final = 509
 A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
 """
 
-_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 # Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
 _NODE_ROUNDING_FACTOR = 0.4
 _OUTER_NODES = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]  # first and last node of a step on [0, 1]
@@ -203,7 +203,7 @@ def rounding_error(integral: Integral, values: Array, measured: MeasuredSteps, r
     """
     size = float((rounding.rate_integral * measured.error_weights(0)).sum())
     if _is_constant(integral.rate, measured):
-        return _UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
+        return UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
     noise = math.sqrt(float((rounding.noise**2 * measured.error_weights(1)).sum()))
     return noise + integral.rounding_at_instants(values, size)
 
@@ -369,7 +369,7 @@ def interval_rounding(signal: Signal, start: Array, stop: Array) -> IntervalRoun
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
-        return IntervalRounding(size, _UNIT_ROUNDOFF * size)
+        return IntervalRounding(size, UNIT_ROUNDOFF * size)
     rates = signal.values_at_nodes(start, h, _OUTER_NODES).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     node_noise = (
@@ -377,4 +377,4 @@ def interval_rounding(signal: Signal, start: Array, stop: Array) -> IntervalRoun
         if isinstance(signal, SampledSignal)
         else _NODE_ROUNDING_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
-    return IntervalRounding(size, _UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))
+    return IntervalRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

@@ -22,6 +22,7 @@ from hingepair.errors import GimbalLockError
 from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps
+from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 
@@ -31,7 +32,6 @@ RK4_NODES: Final = RULES["rk4_quaternion"].nodes
 _MIN_COSINE = 0.5  # abs(cos phi_y): below, an angle that turns far in a step does so because gimbal lock is near
 _MAX_STEP_ANGLE = 1.0  # rad: largest change of an angle in a step
 _MIN_COMPILED_STEPS = 5_000  # steps from which on compiling pays
-_FLOAT64_DTYPE = np.dtype(np.float64)  # of all angles
 
 
 def integrate_euler_angles(
@@ -92,7 +92,7 @@ def _float_step(body: bool) -> Any:
 def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
     """Run steps by the compiled loop."""
     arguments = {"phi": start[None], "omega": omega[None], "h": h[None]}
-    _runge_kutta_loop(body).run(arguments, {"phi": rows[None]}, (1, len(h)), _FLOAT64_DTYPE, Execution("compiled", 1))
+    _runge_kutta_loop(body).run(arguments, {"phi": rows[None]}, (1, len(h)), FLOAT64_DTYPE, Execution("compiled", 1))
 
 
 @functools.cache

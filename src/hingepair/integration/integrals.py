@@ -17,12 +17,12 @@ from hingepair.errors import ArgumentError
 from hingepair.integration.methods import RULES, Rule, angle_loop, quaternion_product, rotation_loop
 from hingepair.integration.signals import ConstantSignal, Signal
 from hingepair.integration.stepping import ROTATION_SCAN, SUM_SCAN, Steps, Subdivision
+from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
 
-_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 _CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
-_FLOAT64_DTYPE = np.dtype(np.float64)  # of all integrals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ class AngleIntegral(_RateIntegral):
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the integrals of the rate over steps into rows, as sums of two doubles."""
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
-        angle_loop(self.rule).run(arguments, {"sum": rows}, h[0].shape, _FLOAT64_DTYPE, self.execution)
+        angle_loop(self.rule).run(arguments, {"sum": rows}, h[0].shape, FLOAT64_DTYPE, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
         """Return the integrals by coarse steps less those by finer steps of the same intervals; shape (P, 1)."""
@@ -83,11 +83,11 @@ class AngleIntegral(_RateIntegral):
 
     def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
         """Return the rounding error of sums over intervals, whose sizes are the integrals of abs(rate)."""
-        return _UNIT_ROUNDOFF * sizes
+        return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
         """Return the rounding error of the angles at the instants, without that of the steps."""
-        return _UNIT_ROUNDOFF * float(np.abs(values).max())
+        return UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
         """Return the errors of intervals in a form in which they add up: angles do as they are."""
@@ -126,7 +126,7 @@ class AttitudeIntegral(_RateIntegral):
     def _compute_rotations(self, nodes: Array, h: Array, rows: Array) -> None:
         """Write the rotations of steps into rows, from omega at their nodes."""
         rotation_loop(self.rule).run(
-            {"omega": nodes, "h": -h if self.body else h}, {"q": rows}, h.shape, _FLOAT64_DTYPE, self.execution
+            {"omega": nodes, "h": -h if self.body else h}, {"q": rows}, h.shape, FLOAT64_DTYPE, self.execution
         )
 
     def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
@@ -154,11 +154,11 @@ class AttitudeIntegral(_RateIntegral):
 
     def rounding_of_sums(self, sizes: Array, steps: Array) -> Array:
         """Return the rounding error of products over intervals that turn by `sizes` in `steps`: a random walk."""
-        return np.asarray(_UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
+        return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
         """Return the rounding error of the attitudes at the instants, without that of steps, which turn by `size`."""
-        return _UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
+        return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
         """Rotate errors of intervals to the axes of the first instant, where they add up; quats at their ends."""

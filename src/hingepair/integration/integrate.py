@@ -230,7 +230,7 @@ def _compute_state(
 ) -> Any:
     """Compute the state of the pair at the instants from the solution and the signals."""
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-    plan = _make_plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
+    plan = _make_integration_plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
     if not plan.outputs:
         return STATES[kind]({}, options.t.shape)
     S1 = None if kind is PLANAR else quaternions_to_matrices(solution.orientations)
@@ -248,7 +248,7 @@ def _compute_state(
     return compute_state(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
 
 
-def _make_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:
+def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:
     """Make the plan for the outputs: unless they are named, for all of body 2 that the inputs allow.
 
     Raises:

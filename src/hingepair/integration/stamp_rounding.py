@@ -18,6 +18,7 @@ import numpy as np
 from hingepair.integration.signals import SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _WINDOW_SAMPLES: Final = 11
 """Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
@@ -30,7 +31,6 @@ _ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
     0.8,
     1.642,
 )  # that quantile of a squared normal variable; kinks lie in fewer windows
-_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 _MIN_ROUGHNESS_RATIO = 4.0  # times the roughness by the rounding of values: a larger one has another cause
 
 
@@ -107,7 +107,7 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
     roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
     stamp_noise = row_norms(slopes) * deviations
-    value_noise = _UNIT_ROUNDOFF * row_norms(columns)
+    value_noise = UNIT_ROUNDOFF * row_norms(columns)
     roughness_by_stamps, roughness_by_values = (
         ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
     )

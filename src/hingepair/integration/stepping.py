@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
+from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
 
@@ -31,8 +32,6 @@ SCAN_RADIX: Final = 16
 """Elements of a group of a prefix scan, which are combined one after the other."""
 MAX_SEQUENTIAL_ITEMS: Final = 64
 """Elements that a scan combines one after the other as Python floats, without groups."""
-
-_FLOAT64_DTYPE = np.dtype(np.float64)  # of all scans
 
 
 class Steps(NamedTuple):
@@ -185,7 +184,7 @@ class PrefixScan:
             {"element": elements, "prefix": before},
             {"element": elements},
             elements.shape[:-1],
-            _FLOAT64_DTYPE,
+            FLOAT64_DTYPE,
             execution,
         )
 

@@ -29,7 +29,7 @@ _MAX_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridg
 _SCANNED_SAMPLES = 256  # samples that offsets are tried with
 _MAX_SCANNED_OFFSET, _MAX_SCANNED_SHARE = 0.5, 0.25  # [s], and in parts of the recording
 _SCAN_STEP = 0.1  # of the time in which body 2's motion changes
-_MAX_TRIALS = 60  # offsets that are tried, on either side of 0
+_MAX_OFFSET_TRIALS = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_OFFSET = 0.05  # of the usual step
 _MIN_GAIN = (
     0.5  # in the logarithm of the likelihood of a sample, by which a far offset must be better than a near one
@@ -143,7 +143,7 @@ class ClockedPoses:
         """
         length = float(self._t[-1] - self._t[0])
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_SHARE * length)
-        count = int(np.clip(np.ceil(span / max(_SCAN_STEP * self.time_scale, self._step / 2)), 2, _MAX_TRIALS))
+        count = int(np.clip(np.ceil(span / max(_SCAN_STEP * self.time_scale, self._step / 2)), 2, _MAX_OFFSET_TRIALS))
         offsets = np.linspace(-span, span, 2 * count + 1)
         trials = [self.at(offset, _SCANNED_SAMPLES) for offset in offsets]
         costs = np.array([np.inf if poses.samples < FEWEST else misfit(poses) for poses in trials])

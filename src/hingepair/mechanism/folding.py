@@ -62,11 +62,11 @@ class JointPart:
     effort_limit: float | None = None
     rate_limit: float | None = None
     armature: float = 0.0
-    mimic: records.Mimic | None = None
+    mimic: records.MimicRecord | None = None
     notes: Sequence[str] = ()
 
 
-JointRule: TypeAlias = float | records.Mimic | None
+JointRule: TypeAlias = float | records.MimicRecord | None
 """Rule of a joint: the position at which it is held, the joint that it follows, or None if it moves by itself."""
 
 
@@ -144,7 +144,7 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
             if part.name in positions or part.kind == "fixed":
                 return multiplier * positions.get(part.name, 0.0) + offset
             if part.mimic is None:
-                return records.Mimic(part.name, multiplier, offset) if len(followers) > 1 else None
+                return records.MimicRecord(part.name, multiplier, offset) if len(followers) > 1 else None
             leader = part.mimic.leader
             where = f"joint {part.name!r}, mimic"
             if leader in followers:
@@ -206,7 +206,7 @@ def _tree_joint(
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
         armature=part.armature,
-        mimic=Mimic(numbers[rule.leader], *rule[1:]) if isinstance(rule, records.Mimic) else None,
+        mimic=Mimic(numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
     )
 
 

@@ -291,7 +291,7 @@ class Mechanism(MechanismMethods):
         rows: list[tuple[str, ...]] = [(*_TABLE_HEADINGS, _ARMATURE_HEADING) if geared else _TABLE_HEADINGS]
         for joint in joints:
             rule = joint.mimic
-            follows = "" if rule is None else str(records.Mimic(joints[rule.leader - 1].name, *rule[1:]))
+            follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
             shown = ("" if np.isinf(limit) else cell(limit) for limit in limits)

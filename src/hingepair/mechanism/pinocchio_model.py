@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import GRAVITY
-from hingepair.urdf.records import Mimic
+from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import HERE, FramePose, Inertia
 
 _AXIS_LETTERS = ("X", "Y", "Z")  # in the names of Pinocchio's joint types
@@ -113,7 +113,7 @@ def _part_of_joint(
         leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
         return JointPart(
             name, "hinge" if motion[3:].any() else "slider", parent, pose,
-            _unit_axis(motion / mimic.scaling), mimic=Mimic(leader, mimic.scaling, mimic.offset), **content,
+            _unit_axis(motion / mimic.scaling), mimic=MimicRecord(leader, mimic.scaling, mimic.offset), **content,
         )  # fmt: skip
     limits = None
     if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:

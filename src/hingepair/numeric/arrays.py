@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from typing import Any, TypeAlias, TypeGuard
+from typing import Any, Final, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,9 @@ FloatArray: TypeAlias = NDArray[np.floating[Any]]
 Float64Array: TypeAlias = NDArray[np.float64]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
 Block: TypeAlias = tuple[slice, ...]
+
+FLOAT64_DTYPE: Final = np.dtype(np.float64)
+"""The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
 
 # What messages say of the dtypes that are accepted.
 _ACCEPTED_DTYPES = "real numbers (float64, float32 or integers)"

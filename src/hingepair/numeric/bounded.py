@@ -9,7 +9,7 @@ Components are floats or arrays, in float64 whatever the precision that is bound
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -22,7 +22,10 @@ SINE_ULPS = 1.5
 _SAFETY_STEPS = 1024
 """Roundings in the precision that is bounded that the safety factor of a bound covers."""
 
-_OWN_ROUNDING = 2.0**16 * 2.0**-53
+UNIT_ROUNDOFF: Final = 2.0**-53
+"""Largest relative error u of a rounding to double precision."""
+
+_OWN_ROUNDING = 2.0**16 * UNIT_ROUNDOFF
 """Rounding of the bound's own arithmetic, which is float64: a robot's longest recursion takes fewer operations."""
 
 
@@ -153,7 +156,7 @@ class Double(Bounded):
 
     __slots__ = ()
     dtype = np.float64
-    u, smallest, largest = 2.0**-53, 2.0**-1074, float(np.finfo(np.float64).max)
+    u, smallest, largest = UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
 
 
 class Single(Bounded):

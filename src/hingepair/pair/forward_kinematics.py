@@ -34,7 +34,7 @@ _BODY1_LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a",
 _BODY1_ARGUMENTS = {name: f"body1.{letter}" for name, letter in _BODY1_LETTERS.items()}
 
 
-class Coordinates(NamedTuple):
+class PairCoordinates(NamedTuple):
     """The coordinates and their derivatives as they were given.
 
     Attributes:
@@ -48,7 +48,7 @@ class Coordinates(NamedTuple):
     library: Library | None = None
 
 
-def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
+def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> PairCoordinates:
     """Return the coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -58,7 +58,7 @@ def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool =
     count = len(kind.coordinates)
     floats = {name: row for name, value in given.items() if (row := float_row(value, count)) is not None}
     if floats.keys() == given.keys():
-        return Coordinates(floats, dict.fromkeys(floats, ()))
+        return PairCoordinates(floats, dict.fromkeys(floats, ()))
     leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
     library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves) if foreign else None
     parts: dict[str, Any]
@@ -66,7 +66,7 @@ def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool =
         parts = {name: foreign_components(name, v, count) for name, v in given.items()}
     else:
         parts = {name: _coordinates(name, value, kind.coordinates) for name, value in given.items()}
-    return Coordinates(parts, {name: _leading_shape(name, part) for name, part in parts.items()}, library)
+    return PairCoordinates(parts, {name: _leading_shape(name, part) for name, part in parts.items()}, library)
 
 
 def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...]:
@@ -182,7 +182,7 @@ def plan_from_coordinates(
     out: Out,
     sequence: Any,
     foreign: bool = False,
-) -> tuple[Plan, Coordinates]:
+) -> tuple[Plan, PairCoordinates]:
     """Return the plan for outputs from the coordinates, and the coordinates as read."""
     if kind is SPATIAL and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)

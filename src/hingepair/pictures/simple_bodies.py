@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.mechanism.tree import Joint, Tree
+from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-
-Vector: TypeAlias = NDArray[np.float64]
 
 _ROD_DENSITY: Final = 2000.0  # [kg/m^3] that relates the mass of a rod to its radius: metal, motors and air
 _ROD_RADIUS_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
@@ -111,15 +109,15 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     return bodies
 
 
-def axes_along(axis: Any) -> Vector:
+def axes_along(axis: Any) -> Float64Array:
     """Return a rotation whose third column is a unit axis."""
-    direction: Vector = np.asarray(axis, dtype=np.float64)
+    direction: Float64Array = np.asarray(axis, dtype=np.float64)
     across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(direction, across), direction], axis=1)
 
 
-def _rod_ends(tree: Tree, number: int, size: float) -> list[Vector]:
+def _rod_ends(tree: Tree, number: int, size: float) -> list[Float64Array]:
     """Return the ends of a last body's rods: its last links, or twice the vector to its centre of mass [m]."""
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == number]
     far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_RATIO * size]
@@ -143,7 +141,7 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
     return min(max(radius, least), _ROD_RADIUS_RANGE[1] * size)
 
 
-def _rod_shapes(end: Vector, radius: float, size: float) -> Sequence[Shape]:
+def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
     """Return a rod with a rounded end, from the reference point to a point; nothing if it is too short."""
     length = math.hypot(*end)
     if length <= _MIN_ROD_LENGTH_RATIO * size:

@@ -20,11 +20,11 @@ from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
-from hingepair.symbolic.exact_constants import exact
+from hingepair.symbolic.exact_constants import MAX_SQUARE_DENOMINATOR, exact
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_symbols, sorted_terms
-from hingepair.symbolic.trig_sums import cosine, sine, trig_sum
+from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
 
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
@@ -37,7 +37,6 @@ SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 PAIR_CONSTANTS: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
-_MAX_SQUARE_DENOMINATOR: Final = 1_000  # largest denominator of a squared component of an axis that counts as exact
 _COORDINATE_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
 _ANGLE_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
 
@@ -194,7 +193,7 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
 
     The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """
-    squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE_DENOMINATOR) for c in n]
+    squares = [Fraction(c * c).limit_denominator(MAX_SQUARE_DENOMINATOR) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
@@ -204,12 +203,12 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
 
 def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
     """Return the sine and cosine of each angle, in turn."""
-    return tuple(function(angle) for angle in phi for function in (sine, cosine))
+    return tuple(function(angle) for angle in phi for function in (sine_expression, cosine_expression))
 
 
 def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
     """Return sin psi and 1 - cos psi."""
-    return sine(psi), 1 - cosine(psi)
+    return sine_expression(psi), 1 - cosine_expression(psi)
 
 
 _TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)

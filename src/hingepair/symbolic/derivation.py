@@ -11,7 +11,7 @@ import sympy
 from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, SumTerms
 from hingepair.symbolic.jets import time_symbol
-from hingepair.symbolic.kinks import Expr, SideOfZero
+from hingepair.symbolic.kinks import Expr, SideOfZero, real_symbol
 from hingepair.symbolic.layout import align_environment, latex_lines, shape_text, title_suffix, wrap_equation
 from hingepair.symbolic.printers import (
     is_simple,
@@ -139,20 +139,15 @@ def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
         else:
             count += 1
             indices[angle] = str(count)
-    trig_symbols = {f: _real_symbol(f"{f.func.__name__[0]}_{indices[f.args[0]]}") for f in waves}
+    trig_symbols = {f: real_symbol(f"{f.func.__name__[0]}_{indices[f.args[0]]}") for f in waves}
     others = [f for f in counts if counts[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | SideOfZero)]
     others.sort(key=lambda f: (-counts[f], f.sort_key()))
-    return {f: _real_symbol(f"k_{i}") for i, f in enumerate(others, 1)} | trig_symbols
+    return {f: real_symbol(f"k_{i}") for i, f in enumerate(others, 1)} | trig_symbols
 
 
 def _is_short_wave(wave: Expr) -> bool:
     """Return whether a sine or cosine is short: sin t, cos 3t and the like."""
     return is_simple(wave.args[0]) and wave.free_symbols == {time_symbol()}
-
-
-def _real_symbol(name: str) -> Expr:
-    """Return the real symbol of a name."""
-    return sympy.Symbol(name, real=True)
 
 
 def _function_source(name: str, parts: list[Expr]) -> str:

@@ -17,8 +17,8 @@ _LENGTH_DIGITS: Final = 50
 _MAX_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
 _RATIONAL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 
-_MAX_SQUARE_DENOMINATOR: Final = 1_000
-"""Largest denominator of the square of an entry of a rotation that is recognised as a root."""
+MAX_SQUARE_DENOMINATOR: Final = 1_000
+"""Largest denominator of the square of an entry of a rotation or a unit vector that is recognised as a root."""
 _ROUNDING_TOLERANCE: Final = 4 * 2.0**-53
 """Rounding error of a computed entry of a rotation [1] and of an angle [rad] within which a number is recognised."""
 _PI_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
@@ -44,7 +44,7 @@ def exact_entry(value: float) -> Expr:
     nearest = float(round(value))
     if abs(value - nearest) <= _ROUNDING_TOLERANCE:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(_MAX_SQUARE_DENOMINATOR)
+    square = Fraction(value * value).limit_denominator(MAX_SQUARE_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
     return root if abs(float(root) - value) <= _ROUNDING_TOLERANCE * abs(value) else exact(value)
 

@@ -25,7 +25,7 @@ from hingepair.equations import spatial as eq
 from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.symbolic.exact_constants import exact, exact_angle, exact_entry
-from hingepair.symbolic.kinks import Expr
+from hingepair.symbolic.kinks import Expr, real_symbol
 from hingepair.symbolic.printers import count_symbols
 
 VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
@@ -39,7 +39,7 @@ _PARALLEL_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
 _RIGHT_ANGLE_TOLERANCE: Final = 4 * 2.0**-53
 """Rounding error of a right angle [rad], and of a component relative to the largest."""
-_ZERO_VECTOR: Final = (sympy.S.Zero,) * 3  # as expressions
+_ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 # The rotation by no angle, row by row.
 _IDENTITY_MATRIX: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
@@ -77,7 +77,7 @@ class _ParallelJoints:
     def __init__(self, axis: Float64Array | None = None) -> None:
         self.direction = axis
         self.axis: VectorExpr = (
-            _ZERO_VECTOR if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
+            _ZERO_VECTOR_EXPR if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
         )
         self.angle: Expr = sympy.S.Zero
         self.fixed = np.eye(3)  # rotation from the axes of the last body at angle 0
@@ -139,8 +139,8 @@ class FrameProgram:
     def __init__(self, tree: Tree, frame: Frame, symbolic: Collection[str] = ()) -> None:
         coordinates = tree.coordinates
         self.dof = len(coordinates)
-        self.q = tuple(_real_symbol(f"q_{number}") for number in range(1, self.dof + 1))
-        self.qd = tuple(_real_symbol(f"qd_{number}") for number in range(1, self.dof + 1))
+        self.q = tuple(real_symbol(f"q_{number}") for number in range(1, self.dof + 1))
+        self.qd = tuple(real_symbol(f"qd_{number}") for number in range(1, self.dof + 1))
         self.definitions: dict[Expr, Expr] = {}
         self.waves: dict[Expr, Expr] = {}
         self.numbers: dict[Expr, float] = {}
@@ -202,7 +202,7 @@ class FrameProgram:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:
-                symbol = _real_symbol(f"{name}{axis}" if name[-1].isdigit() else f"{name}_{axis}")
+                symbol = real_symbol(f"{name}{axis}" if name[-1].isdigit() else f"{name}_{axis}")
                 self.numbers[symbol] = value
                 number = symbol
             parts.append(number)
@@ -226,8 +226,8 @@ class FrameProgram:
         if angle not in self._trig_symbols:
             suffix = ("" if indices[-1] < 10 else ",").join(map(str, indices))
             marks = ("", *"abcdefghijklmnopqrstuvwxyz")
-            mark = next(mark for mark in marks if _real_symbol(f"s_{suffix}{mark}") not in self.waves)
-            s, c = _real_symbol(f"s_{suffix}{mark}"), _real_symbol(f"c_{suffix}{mark}")
+            mark = next(mark for mark in marks if real_symbol(f"s_{suffix}{mark}") not in self.waves)
+            s, c = real_symbol(f"s_{suffix}{mark}"), real_symbol(f"c_{suffix}{mark}")
             self.waves |= {c: sympy.cos(angle, evaluate=False), s: sympy.sin(angle, evaluate=False)}
             self._trig_symbols[angle] = s, c
         return self._trig_symbols[angle]
@@ -266,9 +266,9 @@ class FrameProgram:
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
         """Return position, Jacobian and velocities from the levers from each joint's point to the frame."""
-        lever = _ZERO_VECTOR
+        lever = _ZERO_VECTOR_EXPR
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
-        v, omega = _ZERO_VECTOR, _ZERO_VECTOR
+        v, omega = _ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR
         for group, P, P_rotated in reversed(list(zip(groups, attitudes, rotated_attitudes, strict=False))):
             parts = group.parts
             lever = group.to_group_axes(lever)
@@ -279,7 +279,7 @@ class FrameProgram:
                 lever, parts = self._named_vector(eq.add(last.vector, lever)), parts[:-1]
             unrotated_lever = lever
             lever = self._named_vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
-            drift: VectorExpr = _ZERO_VECTOR  # velocity of the frame in the axes of the group
+            drift: VectorExpr = _ZERO_VECTOR_EXPR  # velocity of the frame in the axes of the group
             spin: Expr = sympy.S.Zero  # rate about the group's axis
             for part in reversed(parts):
                 match part:
@@ -290,7 +290,7 @@ class FrameProgram:
                     case _SliderPart():
                         direction = _vector(eq.rotate(self._rotation(group.axis, part.angle), part.direction))
                         lever = self._named_vector(eq.add(eq.scale(direction, part.shift), lever))
-                        linear, angular = direction, _ZERO_VECTOR
+                        linear, angular = direction, _ZERO_VECTOR_EXPR
                     case _HingePart():
                         linear, angular = _vector(eq.cross(group.axis, lever)), group.axis
                         spin += part.ratio * self.qd[part.column]
@@ -305,14 +305,14 @@ class FrameProgram:
                     v = _vector(eq.add(eq.scale(moves, rate), v))
                 else:
                     drift = _vector(eq.add(drift, eq.scale(linear, rate)))
-                columns_so_far = columns.get(part.column, (_ZERO_VECTOR, _ZERO_VECTOR))
+                columns_so_far = columns.get(part.column, (_ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR))
                 columns[part.column] = (
                     _vector(eq.add(columns_so_far[0], eq.scale(moves, part.ratio))),
                     _vector(eq.add(columns_so_far[1], eq.scale(eq.rotate(P, angular), part.ratio))),
                 )
             v = _vector(eq.add(eq.rotate(P, self._named_vector(drift)), v))
             omega = _vector(eq.add(eq.scale(eq.rotate(P, group.axis), spin), omega))
-        zero_column = (_ZERO_VECTOR, _ZERO_VECTOR)
+        zero_column = (_ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR)
         jacobian = [
             columns.get(column, zero_column)[row // 3][row % 3] for row in range(6) for column in range(self.dof)
         ]
@@ -342,8 +342,3 @@ def _vector(parts: Sequence[Expr]) -> VectorExpr:
 def _count_all_symbols(parts: VectorExpr) -> int:
     """Count the symbols of a vector."""
     return sum(map(count_symbols, parts))
-
-
-def _real_symbol(name: str) -> Expr:
-    """Return the real symbol of a name."""
-    return sympy.Symbol(name, real=True)

@@ -15,6 +15,11 @@ import sympy
 Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
 
 
+def real_symbol(name: str) -> Expr:
+    """Return the real symbol of a name."""
+    return sympy.Symbol(name, real=True)
+
+
 def constant_value(expr: Expr) -> float:
     """Return the float nearest to an expression without t; not finite where there is none."""
     if expr.is_Rational:

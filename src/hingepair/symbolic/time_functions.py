@@ -23,7 +23,7 @@ TimeValue: TypeAlias = float | NDArray[np.float64]
 TimeDerivatives: TypeAlias = tuple[tuple[TimeValue, ...], ...]
 """Values, first derivatives, and so on; each a tuple with one entry per expression."""
 
-_BLOCK_SAMPLES = 2048  # samples that are computed at a time; intermediate results stay in the cache
+_EVALUATION_BLOCK_SAMPLES = 2048  # samples that are computed at a time; intermediate results stay in the cache
 
 
 class TimeFunctions:
@@ -94,8 +94,8 @@ class TimeFunctions:
         if rows:
             function = self._compiled(tuple(rows))
             with np.errstate(all="ignore"):
-                for start in range(0, t.size, _BLOCK_SAMPLES):
-                    block = slice(start, start + _BLOCK_SAMPLES)
+                for start in range(0, t.size, _EVALUATION_BLOCK_SAMPLES):
+                    block = slice(start, start + _EVALUATION_BLOCK_SAMPLES)
                     for row, values in zip(rows.values(), function(t[block]), strict=True):
                         row[block] = np.nan if np.iscomplexobj(values) else values
         return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]

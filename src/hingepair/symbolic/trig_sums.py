@@ -50,7 +50,7 @@ def trig_sum(expr: Expr) -> Expr | None:
     groups: dict[Expr, dict[Expr, dict[Expr, Expr]]] = {}  # by the factor with symbols, then by the constant factor
     try:
         for (rest, angle, odd), c in _expand_terms(expr).items():
-            wave = sine(angle) if odd else cosine(angle)
+            wave = sine_expression(angle) if odd else cosine_expression(angle)
             constant, varying = rest.as_independent(*rest.free_symbols, as_Add=False)
             groups.setdefault(varying, {}).setdefault(constant, {})[wave] = sympy.Rational(c)
     except _TooManyTermsError:
@@ -70,12 +70,12 @@ def _sum_by_wave(constants: dict[Expr, dict[Expr, Expr]]) -> Expr:
     return sympy.Add(*(sympy.Add(*factors) * wave for wave, factors in waves.items()))
 
 
-def sine(angle: Expr) -> Expr:
+def sine_expression(angle: Expr) -> Expr:
     """Return the sine of an angle, unevaluated where SymPy would give an algebraic function or nested roots."""
     return _evaluate_trig(sympy.sin, angle)
 
 
-def cosine(angle: Expr) -> Expr:
+def cosine_expression(angle: Expr) -> Expr:
     """Return the cosine of an angle, unevaluated as the sine is: cos(atan(x)) may become cos(atan(x) + ...)."""
     return _evaluate_trig(sympy.cos, angle)
 
@@ -147,7 +147,7 @@ def _multiply_factors(a: _TrigFactor, b: _TrigFactor) -> tuple[tuple[_TrigFactor
 @functools.lru_cache(maxsize=65536)
 def _normalise_trig(angle: Expr, odd: bool) -> tuple[tuple[_TrigFactor, Fraction], ...]:
     """Return a sine or cosine as a term with its sign, the angle as SymPy writes it, so that equal terms meet."""
-    coefficient, wave = _split_rational(sine(angle) if odd else cosine(angle))
+    coefficient, wave = _split_rational(sine_expression(angle) if odd else cosine_expression(angle))
     if not coefficient:
         return ()
     if isinstance(wave, sympy.sin | sympy.cos) and wave.free_symbols:

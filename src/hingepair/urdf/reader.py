@@ -8,7 +8,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from hingepair.errors import URDFError
-from hingepair.urdf.records import Joint, LinkRecord, Robot
+from hingepair.urdf.records import JointRecord, LinkRecord, Robot
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
@@ -47,10 +47,10 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
     return robot
 
 
-def _joint(element: ET.Element, snap: float) -> Joint:
+def _joint(element: ET.Element, snap: float) -> JointRecord:
     names = ("parent", "link"), ("child", "link"), ("mimic", "joint")
     parent, child, leader = ("" if (one := element.find(tag)) is None else one.get(key, "") for tag, key in names)
-    return Joint(element, element.get("name", ""), element.get("type", ""), parent, child, leader, snap)
+    return JointRecord(element, element.get("name", ""), element.get("type", ""), parent, child, leader, snap)
 
 
 class _NoDoctype(ET.TreeBuilder):

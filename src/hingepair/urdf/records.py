@@ -57,7 +57,7 @@ class Visual(NamedTuple):
     pose: FramePose
 
 
-class Mimic(NamedTuple):
+class MimicRecord(NamedTuple):
     """How a joint follows another: q = multiplier * q_leader + offset."""
 
     leader: str
@@ -115,7 +115,7 @@ class LinkRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Joint:
+class JointRecord:
     """A joint; a name that is not given is "".
 
     Attributes:
@@ -180,12 +180,12 @@ class Joint:
         return float(self._number("dynamics", "friction", 0.0))
 
     @property
-    def mimic(self) -> Mimic | None:
+    def mimic(self) -> MimicRecord | None:
         """How it follows another joint; None where it does not."""
         if self.element.find("mimic") is None:
             return None
         multiplier, offset = (self._number("mimic", key, one) for key, one in (("multiplier", 1.0), ("offset", 0.0)))
-        return Mimic(self.follows, multiplier, offset)
+        return MimicRecord(self.follows, multiplier, offset)
 
     @property
     def _where(self) -> str:
@@ -215,14 +215,14 @@ class Robot:
 
     name: str
     links: Mapping[str, Sequence[LinkRecord]]
-    joints: Sequence[Joint]
-    joints_at: Mapping[str, Sequence[Joint]]
+    joints: Sequence[JointRecord]
+    joints_at: Mapping[str, Sequence[JointRecord]]
 
-    def hinges(self) -> tuple[Joint, ...]:
+    def hinges(self) -> tuple[JointRecord, ...]:
         """Return the revolute and continuous joints that have a name, mimic joints included."""
         return tuple(joint for joint in self.joints if joint.type in HINGES and joint.name)
 
-    def hinge(self, name: str) -> Joint:
+    def hinge(self, name: str) -> JointRecord:
         """Return the hinge of this name.
 
         Raises:
@@ -240,7 +240,7 @@ class Robot:
             raise URDFError("joint", choices(known), f"{name!r}, which is {joints[0].type or 'of no type'}")
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
-    def check_declared(self, name: str, joint: Joint) -> None:
+    def check_declared(self, name: str, joint: JointRecord) -> None:
         """Refuse a link that a joint names and the robot has not.
 
         Raises:
@@ -250,7 +250,7 @@ class Robot:
             expected = "a parent and a child that are links of the robot" + nearest(name, self.links)
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
-    def check_link(self, name: str, joint: Joint) -> None:
+    def check_link(self, name: str, joint: JointRecord) -> None:
         """Refuse a link that a joint names.
 
         Raises:
@@ -262,7 +262,7 @@ class Robot:
         if sum(joint.child == name for joint in self.joints_at[name]) > 1:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
-    def tree(self) -> tuple[str, tuple[Joint, ...]]:
+    def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
         """Return the root link and all joints, depth-first, the joints of one link by name.
 
         Raises:
@@ -299,7 +299,7 @@ class Robot:
             raise URDFError(f"joint {left.name!r}", "a tree of links", f"a circle through {left.child!r}")
         return roots[0], tuple(ordered)
 
-    def _carried_by(self, link: str) -> list[Joint]:
+    def _carried_by(self, link: str) -> list[JointRecord]:
         """Return the joints whose parent is a link, the last name first."""
         joints = [joint for joint in self.joints_at.get(link, ()) if joint.parent == link]
         return sorted(joints, key=lambda joint: joint.name, reverse=True)

@@ -34,7 +34,8 @@ from hingepair.validation.free_flyer import (
 )
 from hingepair.validation.robot_twin import RobotTwin, robot_twin
 
-PairMotion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
+MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
+"""Motion of body 1, then psi [rad], psid [rad/s] and psidd [rad/s^2]; None for what follows from no argument."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +125,7 @@ class PinocchioTwin:
         found = frame_motion(self.model, self.data, self.body2_frame, flat)
         return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in found.items()})
 
-    def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> PairMotion:
+    def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
         """Return body 1's motion and the hinge's from Pinocchio's coordinates.
 
         Args:

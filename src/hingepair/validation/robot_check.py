@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
 from hingepair.validation.robot_scales import MOTION, RobotScales
-from hingepair.validation.robot_twin import BASE_AT_REST, RobotTwin, robot_twin
+from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robot_twin
 
 _BASE = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 _REGULAR = 1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
@@ -88,7 +88,9 @@ class _Samples:
         needed = tuple(BASE_ATTRIBUTES)[: 2 * len(coordinates)]
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shapes)
-        parts = {name: np.asarray(getattr(BASE_AT_REST, BASE_ATTRIBUTES[name])) for name in needed} | values.parts
+        parts = {
+            name: np.asarray(getattr(RESTING_BASE_MOTION, BASE_ATTRIBUTES[name])) for name in needed
+        } | values.parts
         flat = {name: _argument_samples(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
         finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
         self.finite = np.logical_and.reduce(finite)

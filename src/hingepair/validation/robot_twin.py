@@ -89,12 +89,12 @@ class RobotTwin:
             if base_motion is not None:
                 raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)
             return []
-        found: Mapping[str, Float64Array] = coordinates(BASE_AT_REST if base_motion is None else base_motion)
+        found: Mapping[str, Float64Array] = coordinates(RESTING_BASE_MOTION if base_motion is None else base_motion)
         return list(found.values())
 
 
 _STILL = np.zeros(3)
-BASE_AT_REST = BodyMotion(R=_STILL, S=np.eye(3), v=_STILL, omega=_STILL, a=_STILL, alpha=_STILL)
+RESTING_BASE_MOTION = BodyMotion(R=_STILL, S=np.eye(3), v=_STILL, omega=_STILL, a=_STILL, alpha=_STILL)
 """A base that rests at the origin."""
 
 
