@@ -126,6 +126,32 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
 
 
+@pytest.mark.parametrize("existing", ["door.toml", "door.csv"])
+def test_a_scene_that_exists_is_kept_and_nothing_is_written(tmp_path, existing):
+    file, out = saved(tmp_path / "poses.npz", recording(300)), tmp_path / "psi.csv"
+    (tmp_path / existing).write_text("kept")
+    error = refused(file, "--scene", tmp_path / "door.toml", "--out", out)
+    assert str(error).startswith(f"--scene: expected the name of new files, since {tmp_path / existing} exists, got ")
+    assert (tmp_path / existing).read_text() == "kept"
+    assert {path.name for path in tmp_path.iterdir()} == {"poses.npz", existing}
+
+
+def test_a_file_to_write_that_is_read_or_written_twice_is_named_by_its_option(tmp_path):
+    made = recording(300)
+    file = saved(tmp_path / "poses.csv", made)
+    text = (tmp_path / "poses.csv").read_bytes()
+    error = refused(file, "--scene", tmp_path / "poses.toml")
+    assert str(error).startswith(f"--scene: expected another name, since it would write {file}, which is read, got ")
+    assert str(refused(file, "--out", file)).startswith("--out: expected a file other than those that are read")
+    report = tmp_path / "poses.md"
+    report.symlink_to(file)
+    assert str(refused(file, "--report", report)).startswith("--report: expected a file other than those")
+    error = refused(file, "--scene", tmp_path / "a.toml", "--out", tmp_path / "a.csv")
+    assert "since --out and it would both write" in str(error)
+    assert (tmp_path / "poses.csv").read_bytes() == text
+    assert {path.name for path in tmp_path.iterdir()} == {"poses.csv", "poses.md"}
+
+
 def refused(*arguments):
     with pytest.raises(hp.ArgumentError) as caught:
         CliRunner().invoke(app, ["fit", *map(str, arguments)], catch_exceptions=False)

@@ -67,7 +67,8 @@ def fit_command(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write a scene (.toml) of the fitted pair with the recorded motion, and its log (.csv).",
+            help="Write a scene (.toml) of the fitted pair with the recorded motion, and its log (.csv); neither may "
+            "exist.",
         ),
     ] = None,
     report: Annotated[
@@ -105,6 +106,7 @@ def fit_command(
     recordings do not determine a hinge.
     """
     _check_names(out, plot, scene, report)
+    _check_targets(files, out, plot, scene, report)
     recording = read_recording(files, ignore or (), gaps, encoder)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
@@ -143,6 +145,38 @@ def _check_names(out: Path | None, plot: Path | None, scene: Path | None, report
         raise ArgumentError("scene", "a file name that ends in .toml", quoted(str(scene)))
     if report is not None and report.suffix.lower() != ".md":
         raise ArgumentError("report", "a file name that ends in .md", quoted(str(report)))
+
+
+def _check_targets(
+    files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
+) -> None:
+    """Raise an error if a file to write is one that is read, or if a file of the scene exists or is written twice.
+
+    Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
+    nor its log, whose name is not given.
+    """
+    results = {"out": out, "plot": plot, "report": report}
+    for option, path in results.items():
+        if path is not None and _is_one_of(path, files):
+            raise ArgumentError(option, "a file other than those that are read", quoted(str(path)))
+    if scene is None:
+        return
+    log = scene.with_suffix(".csv")
+    for path in (scene, log):
+        if _is_one_of(path, files):
+            raise ArgumentError(
+                "scene", f"another name, since it would write {path}, which is read", quoted(str(scene))
+            )
+    if out is not None and os.path.abspath(out) == os.path.abspath(log):
+        raise ArgumentError("scene", f"another name, since --out and it would both write {log}", quoted(str(scene)))
+    for path in (scene, log):
+        if path.exists() or path.is_symlink():
+            raise ArgumentError("scene", f"the name of new files, since {path} exists", quoted(str(scene)))
+
+
+def _is_one_of(path: Path, files: Sequence[Path]) -> bool:
+    """Return whether a path leads to one of the files."""
+    return path.exists() and any(file.exists() and path.samefile(file) for file in files)
 
 
 def _save(
