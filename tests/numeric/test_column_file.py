@@ -10,14 +10,14 @@ import pytest
 
 import hingepair as hp
 from hingepair.numeric import column_file
-from hingepair.numeric.column_file import Wanted, csv_column, read_columns
+from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 
-ALL = Wanted(lambda names: names, lambda name, tail: [f"{name}_{i}" for i in range(tail[0])] if tail else name)
+ALL = ColumnRequest(lambda names: names, lambda name, tail: [f"{name}_{i}" for i in range(tail[0])] if tail else name)
 
 
-def chosen(*names: str, exact: str = "") -> Wanted:
+def chosen(*names: str, exact: str = "") -> ColumnRequest:
     """These columns, where they are there."""
-    return Wanted(lambda there: [name for name in names if name in there], ALL.names_of, exact)
+    return ColumnRequest(lambda there: [name for name in names if name in there], ALL.names_of, exact)
 
 
 def write(path: Path, text: str) -> Path:
@@ -128,7 +128,7 @@ def test_arrays_of_any_order_are_their_columns(tmp_path: Path, save: object) -> 
 def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str, np.ndarray], words: str) -> None:
     np.savez(tmp_path / "log.npz", **arrays)
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
-        read_columns(tmp_path / "log.npz", Wanted(lambda names: names, lambda name, _: name))
+        read_columns(tmp_path / "log.npz", ColumnRequest(lambda names: names, lambda name, _: name))
 
 
 def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -78,7 +78,7 @@ class RecordedPoses(NamedTuple):
 
 
 class InertialRecording(NamedTuple):
-    """What sensors on both bodies read, in the axes of their bodies; shapes (N, 3)."""
+    """Readings of inertial sensors on both bodies, in the axes of their bodies; shapes (N, 3)."""
 
     omega1: Array  # [rad/s]
     f1: Array  # [m/s^2]

@@ -93,7 +93,7 @@ def load_named_robot(source: str) -> Mechanism | None:
 
 
 def load_named_scene(path: Path) -> Scene | MechanismScene:
-    """Return the scene of a file.
+    """Read a scene file, of a pair or of a mechanism.
 
     Raises:
         ArgumentError: the path is the name of a robot, or of no file.

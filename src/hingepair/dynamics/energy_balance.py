@@ -23,7 +23,7 @@ _WORK_CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
-    """One step of a motion."""
+    """Record of one step of a simulation."""
 
     polynomial: StepPolynomial
     quat: Array  # attitude at the start of the step; (4,)

@@ -379,7 +379,7 @@ class _OutputWriter:
             self.kernel.call_shared("scatter", f"ptr {self.stage}, i64 {self.count}", target)
 
     def end_outer(self) -> None:
-        """Append the streaming of the rest of an outer sample from the stage."""
+        """Append streaming stores of the values of an outer sample that are still in the staging buffer."""
         f = self.f
         if self.streamed != "false":
             with f.when(self.streamed):

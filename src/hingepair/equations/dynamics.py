@@ -36,12 +36,12 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return the force that moves a body's centre of mass as it moves, against gravity g (D1)."""
+    """Return the force m (a_c - g) that the acceleration of a body's centre of mass requires (D1)."""
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """Return the torque that turns a body about its centre of mass as it turns (D2)."""
+    """Return the torque about its centre of mass that the rotation of a body requires (D2, Euler's equation)."""
     back = transpose(S)
     spin = rotate(back, omega)
     momentum = rotate(inertia, spin)

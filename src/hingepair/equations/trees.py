@@ -89,7 +89,7 @@ class Base(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Where a joint has its body: Q and r in the parent's axes; turn is None of a slider."""
+    """Pose of a joint's body in its parent: Q and r in the parent's axes; turn is None for a slider."""
 
     S: Matrix
     turn: Turn | None
@@ -144,7 +144,7 @@ def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence
 
 
 class Pose(NamedTuple):
-    """Attitude of a body and where its reference point is, from the base's; arm leads there from the parent's."""
+    """Pose of a body: attitude S, its reference point d from that of the base, and arm from that of its parent."""
 
     S: Matrix
     d: Vector
@@ -313,7 +313,7 @@ def outer_sum(a: Vector, b: Vector) -> Symmetric:
 
 
 class Acceleration(NamedTuple):
-    """What a body's matter feels, own axes: omega, a - g of the reference point, and B of T1, row by row."""
+    """Motion that determines a body's inertial wrench, own axes: omega, a - g of the reference point, and B of T1."""
 
     omega: Vector
     a: Vector
@@ -400,7 +400,7 @@ def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequ
 
 
 def inertial_wrenches(base: Base, links: Sequence[Link], feels: Sequence[Acceleration]) -> list[Wrench]:
-    """Return the wrench that moves the matter of each body, the base first (T2)."""
+    """Return the inertial wrench of each body, without its children, the base first (T2)."""
     return [
         matter_wrench(body.mass, body.first, body.second, own)
         for body, own in zip(_bodies(base, links), feels, strict=True)
@@ -489,7 +489,7 @@ def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
 
 
 class SpatialInertia(NamedTuple):
-    """[t f] = [J H; H^T M] [alpha a] (T5); H row by row."""
+    """Spatial inertia of a body, [t f] = [J H; H^T M] [alpha a] (T5); H row by row."""
 
     J: Symmetric
     H: Matrix
@@ -497,7 +497,7 @@ class SpatialInertia(NamedTuple):
 
 
 class Elimination(NamedTuple):
-    """What T5 leaves of a joint for T6: U as (torque, force), 1 / D, and D itself."""
+    """Results of T5 for one joint, which T6 reads: U as (torque, force), 1 / D, and the pivot D."""
 
     torque: Vector
     force: Vector

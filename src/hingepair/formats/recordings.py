@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, RotationError, nearest
 from hingepair.measured.resample import resample
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.column_file import Columns, Wanted, read_columns
+from hingepair.numeric.column_file import ColumnRequest, Columns, read_columns
 from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
@@ -203,7 +203,7 @@ def _read_columns(path: Path, ignore: Sequence[str], encoder: str | None, presen
         return _known_columns(names, ignore, encoder)
 
     try:
-        columns = read_columns(path, Wanted(choose, _names_of, exact="t"))
+        columns = read_columns(path, ColumnRequest(choose, _names_of, exact="t"))
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
         raise ArgumentError(name, error.expected, error.got) from None

@@ -95,7 +95,7 @@ class _Writer:
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, seat: str, place: int, joint: str) -> str:
-        """Return a new link that is fixed to a body by a joint whose name gives it its place among its siblings."""
+        """Add a link fixed to a body, and return its name; its joint's name sorts it by place among its siblings."""
         held_by = _new(self._joints, f"{place:04d}_{joint}")
         link = _new(self._links, f"{held_by}_carrier")
         add_element(root, "link", name=link)

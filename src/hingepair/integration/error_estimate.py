@@ -365,7 +365,7 @@ class IntervalRounding(NamedTuple):
 
 
 def interval_rounding(signal: Signal, start: Array, stop: Array) -> IntervalRounding:
-    """Return the rounding of steps over intervals."""
+    """Return bounds on the rounding errors of steps over intervals."""
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))

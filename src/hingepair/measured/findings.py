@@ -40,7 +40,7 @@ _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' len
 
 
 class Finding(NamedTuple):
-    """One sentence of a report, whose words agree with its part in the verdict.
+    """Sentence of a report on a fit, and whether the hinge can be relied on in spite of it.
 
     A harmless one says how large something is; any other says why there is no hinge to rely on.
     """
@@ -235,7 +235,7 @@ def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> li
 
 
 class _Gap(NamedTuple):
-    """How the hinge point moves, and what is said of it."""
+    """Size of a motion of the hinge point, and the sentences that report it."""
 
     size: float  # rms [m]
     no_hinge: str  # where the gap is too large for a hinge

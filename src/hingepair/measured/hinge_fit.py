@@ -143,7 +143,7 @@ class HingeFit(Shown):
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """Draw the hinge angle and what is left of each sample, over time.
+        """Draw the hinge angle and the residuals of each sample over time.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -438,7 +438,7 @@ def _fit_of_point(
 def _circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Return the most likely circle, and the poses by clock offset where that is not 0 or not known to be."""
+    """Fit a circle to a point of body 2; also return the poses by clock offset, None if it is 0 or undetermined."""
     clock = None
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
         clock = ClockedPoses(samples, loss)

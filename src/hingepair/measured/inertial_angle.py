@@ -229,7 +229,7 @@ def _most_likely_angle(
 
 
 def _unwrapped_start(turned: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
-    """Return integrated rates plus what directions say of their slow drift, without jumps by 2 pi."""
+    """Return the integrated rates, their slow drift corrected by measured directions, without jumps by 2 pi."""
     off = (precision * np.exp(1j * (angles - turned))).sum(axis=0)
     if not precision.any():
         return turned

@@ -86,7 +86,7 @@ class Line(NamedTuple):
 
 
 class SampleResiduals(NamedTuple):
-    """What the constraints E1 and E2 leave of some samples, in axes along the hinge."""
+    """Residuals of the constraints E1 and E2 at some samples, in axes along the hinge."""
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
     p: Float64Array  # relative place [m]; shape (3, M)
@@ -194,7 +194,7 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 
 class Judged(NamedTuple):
-    """What a hinge leaves of every sample, and the covariance of its parameters."""
+    """Residuals of every sample for a hinge, and the covariance of the hinge parameters."""
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
@@ -253,7 +253,7 @@ def most_likely(
 
 
 def line_from(poses: RelativePoses, hinge: Hinge, before: Line | None = None) -> Line | None:
-    """Return the line of the encoder for a hinge: its zero, and its slope too unless there was one before.
+    """Fit the line psi(reading) of the encoder to a hinge: its zero, and its slope unless one is given.
 
     Where the axis turned around since, the slope before has the other sign.
     """
@@ -369,7 +369,7 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
 
 
 def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None) -> Judged:
-    """Compute what the hinge leaves of every sample, and the covariance of its parameters.
+    """Compute the residuals of every sample for a hinge, and the covariance of the hinge parameters.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores

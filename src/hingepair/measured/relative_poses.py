@@ -84,7 +84,7 @@ def closed_form(poses: RelativePoses) -> Hinge:
 
 
 def closed_form_of_most(poses: RelativePoses) -> Hinge:
-    """Return the hinge that most samples agree with, whatever the others say (least median, Rousseeuw 1984).
+    """Return the hinge of least median residuals, which outliers do not move (Rousseeuw 1984).
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.

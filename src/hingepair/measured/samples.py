@@ -1,4 +1,4 @@
-"""What a fit is made from, checked at the border: poses of two bodies, weights, noise that is known, an encoder."""
+"""Samples for a fit, checked on entry: poses of two bodies, weights, noise that is known, an encoder."""
 
 from __future__ import annotations
 

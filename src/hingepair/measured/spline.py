@@ -83,7 +83,7 @@ class Smoothed(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What a smoothing supposes: how fast the motion changes, and how the noise of neighbours is correlated."""
+    """Assumptions of a smoothing: how fast the motion changes, and how the noise of neighbours is correlated."""
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart

@@ -1,4 +1,4 @@
-"""What every wing counts on.
+"""Numerics that all other subpackages use.
 
 Checks at the border, broadcasting and blocks, arithmetic in twice the precision and with error bounds, unit vectors,
 finite differences, instants of recordings, numbers in doubtful units, arrays of other libraries, tables, files of

@@ -20,7 +20,7 @@ _NATIVE_TYPES = (np.ndarray, np.generic, float, int, complex, str, bytes, list, 
 
 
 class Library(NamedTuple):
-    """Where arrays of another library come from, and how to make more of them.
+    """Array library other than NumPy, with the type and device of its arrays.
 
     Attributes:
         name: of the library.

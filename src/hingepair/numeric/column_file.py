@@ -37,8 +37,8 @@ _ARRAY_HEADER: Final = re.compile(
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
-class Wanted(NamedTuple):
-    """What is read of a file.
+class ColumnRequest(NamedTuple):
+    """Choice of the columns that are read from a file.
 
     Attributes:
         choose: takes the names of all columns, returns those to read, in their order, or refuses one.
@@ -53,7 +53,7 @@ class Wanted(NamedTuple):
     exact: str = ""
 
 
-def read_columns(path: Path, wanted: Wanted) -> Columns:
+def read_columns(path: Path, wanted: ColumnRequest) -> Columns:
     """Read the columns of a file by name, all of one length, which is not 0; empty cells are NaN.
 
     Raises:
@@ -102,7 +102,7 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
             raise ArgumentError(name, f"numbers of the kind {np.dtype(dtype)}", str(error)) from None
 
 
-def _read_csv(path: Path, wanted: Wanted) -> Columns:
+def _read_csv(path: Path, wanted: ColumnRequest) -> Columns:
     """Return the wanted columns of a CSV file, whose first line holds the names."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
@@ -179,7 +179,7 @@ def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> N
     raise ArgumentError("", "rows of numbers", reason)
 
 
-def _read_npz(path: Path, wanted: Wanted) -> Columns:
+def _read_npz(path: Path, wanted: ColumnRequest) -> Columns:
     """Return the wanted columns of an NPZ file; an array with several axes gives a column for each component."""
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
@@ -229,7 +229,7 @@ def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[
     return None, False, ()
 
 
-def _read_parquet(path: Path, wanted: Wanted) -> Columns:
+def _read_parquet(path: Path, wanted: ColumnRequest) -> Columns:
     """Return the wanted columns of a Parquet file."""
     try:
         import pyarrow as pa
@@ -260,7 +260,7 @@ def _check_rows(count: int) -> None:
 
 
 # The readers, by the ending of the file.
-_READERS: Final[dict[str, Callable[[Path, Wanted], Columns]]] = {
+_READERS: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

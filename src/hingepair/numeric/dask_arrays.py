@@ -67,7 +67,7 @@ def _is_table(value: Any) -> bool:
 
 
 class _Place(NamedTuple):
-    """Where an array of a number goes, in the arguments."""
+    """Position of a numbered array among the arguments."""
 
     number: int
 
@@ -221,7 +221,7 @@ def _rebuilt(result: Any, arrays: Mapping[str, Any], shape: Tail) -> Any:
 
 @dataclass(eq=False)
 class ChunkTask:
-    """What is done in each chunk.
+    """Computation of one chunk.
 
     Attributes:
         method: a function of the arguments and options by name.

@@ -141,7 +141,7 @@ class Sheet(NamedTuple):
 
 
 class Shown:
-    """What notebooks show as a table. Its kinds have `_sheet()`."""
+    """Base class of objects that notebooks show as a table, which `_sheet()` returns."""
 
     __slots__ = ()
 

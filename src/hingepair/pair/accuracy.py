@@ -28,7 +28,7 @@ from hingepair.plans.plan import Kind, Plan
 
 
 class Promise(NamedTuple):
-    """What is promised of one output.
+    """Promised error bound of one output.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all

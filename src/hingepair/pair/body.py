@@ -1,4 +1,4 @@
-"""What the exports know of a body beyond the pair: its mass properties and the shapes that a viewer draws."""
+"""Mass properties of a body, and the shapes that a viewer draws."""
 
 from __future__ import annotations
 

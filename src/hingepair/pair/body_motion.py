@@ -1,4 +1,4 @@
-"""What goes in: the motion of a body whose attitude is known."""
+"""Input of kinematics: the motion of a body whose attitude is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a pair brings to every call: u1, u2, n, home, and the levers that the hinge turns or leaves, by component."""
+"""Constants of a pair in calls: u1, u2, n, home, and the levers that the hinge turns or leaves, by component."""
 
 from __future__ import annotations
 

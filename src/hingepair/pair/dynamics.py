@@ -45,7 +45,7 @@ def _in_a_line(self: Any) -> str:
 
 
 class Forces(NamedTuple):
-    """What must act for the pair to move as it does (D5).
+    """Forces and torques that a motion of the pair requires (D5).
 
     Attributes:
         force1: on body 1, world axes [N]; shape (..., 3).
@@ -63,7 +63,7 @@ class Forces(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """How the pair moves under what acts (D6).
+    """Accelerations of the pair under its loads (D6).
 
     Attributes:
         a1: acceleration of body 1's reference point, world axes, classical [m/s^2]; shape (..., 3).
@@ -80,7 +80,7 @@ class Accelerations(NamedTuple):
 
 
 class HingeWrench(NamedTuple):
-    """What body 1 exerts on body 2 at the hinge point (D3, D4).
+    """Wrench that body 1 exerts on body 2 at the hinge point (D3, D4).
 
     Attributes:
         force: world axes [N]; shape (..., 3).
@@ -157,7 +157,7 @@ def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
 
 
 def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
-    """Return the pair's constants with the masses that are needed, gravity, and loads of zero.
+    """Return the pair's constants, extended by the required mass properties, gravity, and loads of zero.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.

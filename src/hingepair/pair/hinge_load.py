@@ -1,4 +1,4 @@
-"""What acts at the hinge about its axis: motor, spring, damper, friction and stops."""
+"""Torque at the hinge about its axis: motor, spring, damper, friction and stops."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where in psi the torque changes from one smooth function to another, its motor's too, increasing."""
+        """Angles psi, increasing, between which the torque is smooth, that of its motor too."""
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Where in psi' the torque changes from one smooth function to another, its motor's too, increasing."""
+        """Rates psi', increasing, between which the torque is smooth, that of its motor too."""
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
             if load.stops and load.stop_damping:

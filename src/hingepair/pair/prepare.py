@@ -1,4 +1,4 @@
-"""What a call can be prepared for: the names that it will bring, and what is computed of them."""
+"""Prepared calls: the names of their inputs, and the outputs computed from them."""
 
 from __future__ import annotations
 

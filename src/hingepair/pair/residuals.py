@@ -1,4 +1,4 @@
-"""How far any two motions are from sharing the hinge (E1, E2): the residuals, judged, and the hinge's own motion."""
+"""Residuals of the hinge constraints for any two motions (E1, E2), their tolerances, and the hinge's own motion."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class ResidualCheck(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Residuals(Frozen, Shown):
-    """How far two motions are from one hinge (E1, E2), and the hinge angle between them.
+    """Residuals of the hinge constraints for two motions (E1, E2), and the hinge angle between them.
 
     Everything is float64 and read-only; None where the motions do not hold what it takes. The components of the tilt
     are those of S1 n x S2 C^-1 n along S1 e1 and S1 e2 (`HingePair.constraint_jacobian` says which axes). The rates
@@ -256,7 +256,7 @@ def residual_arrays(
 
 
 class _Judged(NamedTuple):
-    """A residual beside its tolerance at every sample, of shape (...,); -inf where the motion is not finite.
+    """Comparison of a residual with its tolerance at every sample, shape (...,); -inf where the motion is not finite.
 
     Attributes:
         sizes: of the residual; inf where it overflows.

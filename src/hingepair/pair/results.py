@@ -40,11 +40,11 @@ class Result(Shown):
 
     t: NDArray[np.float64]
     _inner: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded", "unit"})
-    """What other rooms of the house call, and its readers do not."""
+    """Public names that only other modules of the package use; `dir` leaves them out."""
 
     @property
     def described(self) -> str:
-        """What it is, in a sentence."""
+        """Description of the result in one sentence."""
         raise NotImplementedError
 
     @property

@@ -1,4 +1,4 @@
-"""What comes out: the state of the pair at every sample."""
+"""Results of kinematics: the state of the pair at every sample."""
 
 from __future__ import annotations
 

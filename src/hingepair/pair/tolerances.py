@@ -27,7 +27,7 @@ _COVARIANCE_ROUNDING = 1e-9  # part of the largest variance by which a covarianc
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
-    """What tolerances of the geometry make of the pose of body 2, to first order, at every sample.
+    """Deviations of the pose of body 2 from tolerances of the geometry, to first order, at every sample.
 
     The pose is R2 and the attitude: the rotation vector, world axes, by which body 2 is turned away from where it
     would be without tolerances. Arrays are read-only.

@@ -69,7 +69,7 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What is computed, and of what.
+    """Request for outputs of a tree of joints, computed from given inputs.
 
     Attributes:
         outputs: names out of OUTPUTS.
@@ -167,7 +167,7 @@ class Computation:
 
     @functools.cached_property
     def places(self) -> list[eq.Placement]:
-        """Where each joint has its body."""
+        """Pose of each joint's body in its parent."""
         turns = [
             None if link.slides else (sine(value), cosine(value))
             for link, value in zip(self.links, self.q, strict=True)
@@ -280,14 +280,14 @@ class Computation:
 
     @functools.cached_property
     def transmitted(self) -> list[eq.Wrench]:
-        """What each joint transmits for the motion that is given."""
+        """Wrench that each joint transmits during the given motion."""
         omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
         falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
         return self._wrenches(self.qd, self.qdd, omega, alpha, falling)
 
     @functools.cached_property
     def transmitted_bias(self) -> list[eq.Wrench]:
-        """What each joint transmits where the second derivatives are none, those of a free base among them.
+        """Wrench that each joint transmits where the second derivatives are 0, those of a free base among them.
 
         A free base falls: gravity acts on everything alike and is left out until `free_accelerations`.
         """
@@ -358,7 +358,7 @@ class Computation:
 
     @functools.cached_property
     def motor_loads(self) -> list[Scalar]:
-        """What along each joint is left of tau to accelerate; of robots without mimic joints."""
+        """Joint efforts tau less the bias, which accelerate the joints; for robots without mimic joints."""
         bias = eq.along_axes(self.links, self.transmitted_bias)
         return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
 
@@ -396,7 +396,7 @@ class Computation:
 
     @functools.cached_property
     def pivots(self) -> tuple[Scalar, ...]:
-        """What resists along each coordinate where those behind it give way: 0 where M is singular."""
+        """Pivots of the factored mass matrix, one for each coordinate: 0 where M is singular."""
         if self.form.mimics:
             return self._eliminated((0.0,) * columns_of(self.form, self.request))[1]
         return tuple(step.pivot for step in self.articulated[0])

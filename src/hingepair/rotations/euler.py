@@ -31,7 +31,7 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _lock_limit(angles: NDArray[Any]) -> float:
-    """Return the limit of gimbal lock, of abs(cos phi_y), or of abs(sin phi_y) in proper Euler sequences.
+    """Return the limit of abs(cos phi_y), or abs(sin phi_y) in proper sequences, below which is gimbal lock.
 
     There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
     """

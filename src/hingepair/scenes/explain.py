@@ -1,4 +1,4 @@
-"""What a scene computes and what it leaves out, in words."""
+"""Description in words of the outputs that a scene computes and leaves out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What determines the motion of a pair at some instants: its coordinates, or body 1's motion and the hinge angle.
+"""Inputs that determine a pair's motion at some instants: its coordinates, or body 1's motion and the hinge angle.
 
 Each kind answers the same calls, so that what computes, explains or checks a scene need not know which it has.
 """
@@ -32,7 +32,7 @@ _BODY_OUTPUTS = ("R1", "S1", "R2", "S2", "omega1", "omega2")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByCoordinates:
-    """The seven coordinates, in the plane four, and as many derivatives as are known.
+    """Motion given by the seven coordinates, in the plane four, and by the derivatives that are known.
 
     Attributes:
         count: number of instants.

@@ -21,7 +21,7 @@ from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.column_file import Wanted, csv_column, read_columns
+from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate
 from hingepair.numeric.instants import MeasurementWarning, instants_of
 from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
@@ -57,7 +57,7 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class Layout(NamedTuple):
-    """What the columns of a log may be.
+    """Columns that a log may have.
 
     Attributes:
         arrays: columns of each array, by name; what is in no array is a column by itself.
@@ -157,7 +157,7 @@ class Log(Place):
         self.notes: list[str] = []
         kind = path.suffix.lower()
         known = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
-        wanted = Wanted(
+        wanted = ColumnRequest(
             lambda names: self._checked(names, known), lambda name, _: layout.arrays.get(name, name), exact="t"
         )
         with self.naming():

@@ -75,13 +75,13 @@ class Motion:
 
     @property
     def error_estimate(self) -> float:
-        """How far attitude and psi [rad] are off at the worst instant; 0 of what is exact, NaN: not known."""
+        """Largest errors of attitude and psi over the instants [rad]; 0: exact, NaN: not known."""
         unknown = [math.nan] * bool(self.doubt)
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     @property
     def turning(self) -> str:
-        """How body 1 turns, and how far that is off, for a reader."""
+        """Description of the rotation of body 1 and of its error, for a report."""
         if not self.errors:
             return self.how
         known = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
@@ -93,7 +93,7 @@ class Motion:
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the acceleration of free fall in space [m/s^2]: that of [dynamics], or the usual."""
+        """Return the gravity vector in space [m/s^2]: that of the table [dynamics], or the default."""
         if self.simulated:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY

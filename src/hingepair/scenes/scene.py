@@ -90,7 +90,7 @@ class SceneResult(Frozen, Result):
         return self.scene.files
 
     def chosen(self) -> dict[str, NDArray[Any]]:
-        """Return what was asked for, by name; shape (samples, ...).
+        """Return the requested outputs by name; shape (samples, ...).
 
         Of q, qd, qdd, quat1 and quat2 each component is an array of its own, named as in a log.
         """
@@ -439,7 +439,7 @@ class Scene(Sampled):
 
 
 class Notes:
-    """What a reader of the results should know, gathered from the pieces of a motion."""
+    """Collector of the notes on a motion that is evaluated in pieces."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene

@@ -112,7 +112,7 @@ LOAD_KEYS: Final = tuple(_keys(3))
 
 
 class DynamicsSetup(NamedTuple):
-    """What the table [dynamics] says.
+    """Content of the table [dynamics].
 
     Attributes:
         base: "free", "pinned", "fixed" or "prescribed".

@@ -32,7 +32,7 @@ _shown.maxlist = 9
 
 @dataclass(eq=False)
 class Place:
-    """Where values come from - a table of a scene file, a file of samples - and how messages name them."""
+    """Source of values, a table of a scene file or a file of samples, and its name in messages."""
 
     file: str
     name: str

@@ -158,13 +158,13 @@ class PayloadVariants:
 
     @functools.cached_property
     def _program(self) -> _Program | None:
-        """What computes the forces; None where no output is one."""
+        """Computation of the forces; None where no force is an output."""
         forces = self._result.forces
         return None if forces is None else _Program(self._result, forces.outputs, self._robot, self._links)
 
 
 class _Program:
-    """The forces of a robot along a scene's motion, for many payloads.
+    """Computation of a robot's forces along a scene's motion for many payloads.
 
     Args:
         result: the scene's result, which knows the motion.

@@ -1,4 +1,4 @@
-"""Where a sweep keeps its results: finished chunks beside the store, and the store, whole or not at all."""
+"""Storage of the results of a sweep: finished chunks beside the store, and the store, whole or not at all."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _write_parquet(store: Store, chunks: int, _: int) -> None:
 
 
 def _number_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return columns of one number each: where variants have instants, a row for each of both."""
+    """Return columns of scalars; where results have instants, with one row for each variant and instant."""
     if "t" not in columns:
         return dict(columns)
     count, samples = columns["t"].shape

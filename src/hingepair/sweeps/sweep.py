@@ -41,7 +41,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """A sweep as its file describes it.
+    """Sweep that a file describes: a scene, the varied numbers, and the division into chunks.
 
     Attributes:
         title: what it is, in a sentence.
@@ -78,7 +78,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SweepTask:
-    """What a worker needs of a sweep; it can be pickled.
+    """Part of a sweep that is sent to workers; it can be pickled.
 
     Attributes:
         path: of the scene's file.

@@ -60,7 +60,7 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """What tolerances make of the pose of body 2 along a scene; columns are those of `COMPONENTS`.
+    """Deviations of the pose of body 2 along a scene under tolerances; columns are those of `COMPONENTS`.
 
     Attributes:
         title: of the scene.
@@ -104,7 +104,7 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Which dimension matters most, in a sentence."""
+        """Sentence that names the dimension of the largest effect."""
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
         texts = [

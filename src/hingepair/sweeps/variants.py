@@ -94,7 +94,7 @@ def check_number(table: Table, values: Mapping[str, Any], steps: Sequence[str | 
 
 
 class Variants:
-    """The variants of a scene.
+    """Evaluation of a scene with varied numbers in place of its own.
 
     Args:
         path: of the scene's file.

@@ -45,21 +45,21 @@ _IDENTITY_MATRIX: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in
 
 
 class _Lever(NamedTuple):
-    """Lever that is fixed in a body of a group."""
+    """Vector that is fixed in a body of a group of parallel joints."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
 class _HingePart(NamedTuple):
-    """Hinge of a group."""
+    """Hinge that belongs to a group of parallel joints."""
 
     column: int  # of its coordinate in q
     ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
 class _SliderPart(NamedTuple):
-    """Slider of a group."""
+    """Slider that belongs to a group of parallel joints."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     direction: VectorExpr  # at angle 0, in the axes of the group

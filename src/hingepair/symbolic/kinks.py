@@ -96,7 +96,7 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """Larger or smaller of two arguments."""
+    """Maximum or minimum of two arguments."""
 
     nargs = 2
     sense = 0

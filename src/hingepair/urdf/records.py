@@ -1,4 +1,4 @@
-"""What a URDF says of a robot: records of its links and joints.
+"""Content of a URDF: records of links and joints.
 
 The numbers of a link or a joint are read and checked when they are asked for: a pair needs two bodies of a robot, and
 what is wrong with the others does not matter to it. But every joint's parent link must be declared: with a misspelt
@@ -58,7 +58,7 @@ class Visual(NamedTuple):
 
 
 class MimicRecord(NamedTuple):
-    """How a joint follows another: q = multiplier * q_leader + offset."""
+    """Rule by which a joint follows another: q = multiplier * q_leader + offset."""
 
     leader: str
     multiplier: float
@@ -181,7 +181,7 @@ class JointRecord:
 
     @property
     def mimic(self) -> MimicRecord | None:
-        """How it follows another joint; None where it does not."""
+        """Rule by which the joint follows another; None where it does not."""
         if self.element.find("mimic") is None:
             return None
         multiplier, offset = (self._number("mimic", key, one) for key, one in (("multiplier", 1.0), ("offset", 0.0)))
@@ -204,7 +204,7 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
-    """What a URDF says.
+    """Content of a URDF.
 
     Attributes:
         name: of the robot.

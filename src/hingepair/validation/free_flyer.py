@@ -1,4 +1,4 @@
-"""What every model of Pinocchio needs: the module, the coordinates of a free-flyer, the motion of a frame."""
+"""Basics of every model of Pinocchio: the module, the coordinates of a free-flyer, the motion of a frame."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class RateComparison:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
-    """The equations against Pinocchio.
+    """Report on the comparison of the equations with Pinocchio.
 
     Attributes:
         name: the pair's name.
@@ -146,12 +146,12 @@ class CrossValidation(Shown):
 
     @property
     def samples(self) -> int:
-        """How many samples were given."""
+        """Number of given samples."""
         return math.prod(self.shape)
 
     @property
     def compared(self) -> int:
-        """How many samples were compared."""
+        """Number of compared samples."""
         return self.samples - self.skipped
 
     @property

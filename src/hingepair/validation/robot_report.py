@@ -101,12 +101,12 @@ class RobotValidation(Shown):
 
     @property
     def samples(self) -> int:
-        """How many samples were given."""
+        """Number of given samples."""
         return math.prod(self.shape)
 
     @property
     def compared(self) -> int:
-        """How many samples were compared."""
+        """Number of compared samples."""
         return self.samples - self.skipped
 
     @property

@@ -29,7 +29,7 @@ _MIN_NOISE_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """What the motion takes of a joint, beside the joint's limits, which are infinite where there are none.
+    """Extremes of a joint's motion and effort beside the joint's limits, which are infinite where there are none.
 
     Attributes:
         joint: its name.
@@ -74,7 +74,7 @@ class JointLoad:
 
 
 class MechanismSceneForces(Record):
-    """What acts over the instants of a scene: `.tau`, `.force1`, `.torque1`, tables and files.
+    """Joint efforts and base forces over the instants of a scene: `.tau`, `.force1`, `.torque1`, tables and files.
 
     Args:
         tau: motors' torques and forces; shape (N, dof).
@@ -106,7 +106,7 @@ class MechanismSceneForces(Record):
 
 
 class JointNoise(NamedTuple):
-    """What the noise of a log is estimated from.
+    """Data of a log from which its noise is estimated.
 
     Attributes:
         robot: the mechanism.

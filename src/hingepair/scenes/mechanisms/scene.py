@@ -464,7 +464,7 @@ class MechanismScene(Sampled):
         return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
-        """Compute what acts for the mechanism to move as the scene says (T1-T3), at the scene's instants.
+        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3), at its instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). That of the scene unless given.
@@ -516,7 +516,7 @@ def _needed_quantities(
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """What a scene of a mechanism computes, and what it leaves out.
+    """Outputs that a scene of a mechanism computes, and those that it leaves out.
 
     Attributes:
         computed: operations by what is computed.
