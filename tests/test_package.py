@@ -250,14 +250,18 @@ def test_a_name_of_a_module_means_one_thing_in_the_package() -> None:
         "errors.py",
         "formats",
         "integration",
+        "measured",
         "mechanism",
         "numeric",
         "pair",
         "pictures",
         "plans",
         "rotations",
+        "scenes",
+        "sweeps",
         "symbolic",
         "urdf",
+        "validation",
     ],
 )
 def test_every_constant_says_what_it_is(wing: str) -> None:

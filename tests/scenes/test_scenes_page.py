@@ -11,10 +11,10 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.steps import COORDINATES
-from hingepair.scenes.logged_motion import ARRAYS, COLUMNS
+from hingepair.scenes.logged_motion import ARRAYS, PAIR_LOG_COLUMNS
 from hingepair.scenes.mechanisms.mechanism_table import JOINT_KEYS, MECHANISM_KEYS
 from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUTS
-from hingepair.scenes.pair_table import KEYS
+from hingepair.scenes.pair_table import SPATIAL_PAIR_KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES
 from hingepair.symbolic.expressions import FUNCTION_CALLS, NAMED_CONSTANTS
@@ -89,7 +89,7 @@ WORDS = (
     *FUNCTION_CALLS,
     *NAMED_CONSTANTS,
     *PROFILES,
-    *KEYS,
+    *SPATIAL_PAIR_KEYS,
     *ARRAYS,
     *LOAD_KEYS,
     *MECHANISM_KEYS,
@@ -105,5 +105,5 @@ def test_every_word_is_told(name):
 
 def test_every_column_is_told():
     told = set(re.findall(r"`(\w+)`", PAGE))
-    for column in COLUMNS:
+    for column in PAIR_LOG_COLUMNS:
         assert column in told or f"{column[:-1]}x" in told, column

@@ -31,6 +31,7 @@ _MAX_RANKING_SAMPLES = 300  # samples that tell which of these circles is best
 _CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
 _MAX_FIRST_SAMPLES = 16384  # samples that the first steps are taken with
+# Limit on the number of samples that no recording reaches.
 _ALL_SAMPLES = 2**62
 _MAX_CIRCLE_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
 _MAX_CIRCLE_TURN = 0.3  # of the axis in one step [rad]; of lengths, in parts of the diameter
@@ -41,6 +42,7 @@ _CIRCLE_LOSS_SCALE, _GROSS_SIZE = (
     5.99,
     900.0,
 )  # of squares, in variances, at which losses bend and samples stop to count
+# Squared residual, in parts of the squares' scale by their median, above which a sample is an outlier.
 _OUTLIER_SIZE = 50.0
 _MEDIAN = 1.3863  # of chi-squared with 2 degrees of freedom
 _MIN_CURVE = 3.0  # width of the path across its chord, in parts of that out of its plane

@@ -13,6 +13,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 _MAX_ROUNDS = 60  # of poses by the markers' places in the body, and of these places by the poses
 _MIN_PROGRESS = 1e-6  # of the rms distance in a round, from which another follows
+# Markers in a sample from which it has an attitude.
 _MIN_MARKERS = 3
 _MIN_WIDTH = 0.02  # second extent of a cluster in parts of the first, from which its attitude is shown
 _MIN_EXCESS = 3.0  # of a marker's distances to those without it, from which it is said to have moved

@@ -15,6 +15,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")
+"""Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
 _MIN_SIGN_RATIO = 0.45
 """Part of the largest component from which a component of n decides the sign. No ratio of two small numbers, so that
 noise does not decide for an axis such as (-1, 2, 0)."""

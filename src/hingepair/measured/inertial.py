@@ -35,6 +35,7 @@ Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
 _MAX_ROUGH = 400  # samples that starts are tried with
+# Number of random starts of a fit.
 _RANDOM_STARTS = 10
 _MAX_DESCENT_STEPS, _MAX_ROUGH_STEPS = 60, 12  # of a descent; of one that compares starts
 _BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left

@@ -29,6 +29,7 @@ import numpy as np
 from hingepair.measured.hinge import Hinge, frame
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
 PARAMETERS = 9
@@ -51,7 +52,6 @@ _MAX_ENCODER_OUTLIER = 5.0  # of the median distance from the encoder's line, of
 MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
 MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
 _MIN_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
-_U = 2.0**-53
 _LOSS_SCALE = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
 _MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
@@ -530,13 +530,13 @@ def _noise_variances(
         if 2 * (sizes < _MAX_NOISE_SIZE).sum() > near.size:
             near = sizes < _MAX_NOISE_SIZE
         attitude, across = np.median(tilt[near]) / _MEDIANS[2], np.median(gap[near]) / _MEDIANS[3]
-    attitude = max(float(attitude), (4 * _U) ** 2)
+    attitude = max(float(attitude), (4 * UNIT_ROUNDOFF) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
-    rounding = max((4 * _U * poses.size) ** 2, 1e-300)
+    rounding = max((4 * UNIT_ROUNDOFF * poses.size) ** 2, 1e-300)
     place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
     noise = Noise(place, attitude)
     if loss is None:
-        least = Noise(max(_MIN_VARIANCE_SHARE * float(across), rounding), (4 * _U) ** 2)
+        least = Noise(max(_MIN_VARIANCE_SHARE * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2)
         noise, _ = variance_components(poses.thinned(_MAX_COMPONENT_SAMPLES), hinge, noise, least)
     read = np.isfinite(turn) & near
     if line is None or not read.any():
@@ -545,7 +545,7 @@ def _noise_variances(
         total = float(weights[read] @ turn[read] / weights[read].sum())
     else:
         total = float(np.median(turn[read]) / _MEDIANS[1])
-    return noise._replace(encoder=max(total - noise.attitude, _MIN_VARIANCE_SHARE * total, (4 * _U) ** 2))
+    return noise._replace(encoder=max(total - noise.attitude, _MIN_VARIANCE_SHARE * total, (4 * UNIT_ROUNDOFF) ** 2))
 
 
 def variance_components(

@@ -17,7 +17,8 @@ from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
-_POSE_BLOCK_SIZE = 4096
+# Samples of poses that are computed at a time, which limits the memory.
+_POSE_BLOCK_SAMPLES = 4096
 _SAMPLE_PAIR_COUNT = 200  # of samples, each of which gives a hinge
 _MAX_RANKING_SAMPLES = 300  # samples that tell which of these hinges is best
 _MIN_PAIR_TURN = 0.017  # [rad] between the samples of a pair
@@ -56,8 +57,8 @@ def compute_relative_poses(
     """Return the relative poses of two bodies in the world; R (N, 3) and S (N, 3, 3) are finite."""
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
-    for start in range(0, count, _POSE_BLOCK_SIZE):
-        own = slice(start, start + _POSE_BLOCK_SIZE)
+    for start in range(0, count, _POSE_BLOCK_SAMPLES):
+        own = slice(start, start + _POSE_BLOCK_SAMPLES)
         first, second = (S[own].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
         place1, place2 = (R[own].T.astype(np.float64, order="C") for R in (R1, R2))
         size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))

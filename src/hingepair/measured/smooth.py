@@ -36,6 +36,7 @@ from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
 _ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
 _ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+# Names of a smoothed quantity and its derivatives.
 _DERIVATIVE_NAMES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
 _MAX_LEFT = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
 _NOISE_ROUNDING = 1e-11  # noise, in parts of the largest sample, that is rounding

@@ -10,8 +10,9 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR, SPATIAL, default_outputs, make_plan, steps_of
 from hingepair.plans.steps import PARTS, WITHOUT_HOME
-from hingepair.scenes.known_motion import KnownMotion
+from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
 
+# What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
 _MEANING = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
@@ -45,7 +46,6 @@ _MEANING = {
     "alpha2": "angular acceleration of body 2 (E9)",
     "a2": "acceleration of body 2 (E9)",
 }
-_DERIVATIVES = ("first", "second")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,9 @@ def explain(
         if step.result in _MEANING:
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
-    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(known.level, 2)]
+    skipped = [
+        (f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates", reasons[i]) for i in range(known.level, 2)
+    ]
     if operations.folded:
         skipped.append(
             (f"{operations.folded} of {operations.unfolded} operations", "what is known to be 0, 1 or -1 folds")

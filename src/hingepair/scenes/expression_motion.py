@@ -31,7 +31,8 @@ from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
 DEFAULT_TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
-_LIMITS: Final = ("speed", "acceleration")
+_PROFILE_LIMIT_KEYS: Final = ("speed", "acceleration")
+"""Keys of the largest rate and the largest acceleration that a motion through waypoints may reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +179,7 @@ def _function(table: Table, key: str) -> Expr | WayPoints:
 
 def _way_points(table: Table) -> WayPoints:
     """Read way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
-    table.check_keys(("t", "value", "profile", *_LIMITS))
+    table.check_keys(("t", "value", "profile", *_PROFILE_LIMIT_KEYS))
     given: Any = table.values.get("t")
     count = len(given) if isinstance(given, list) else 0
     if not 2 <= count <= MAX_POINTS:
@@ -186,7 +187,7 @@ def _way_points(table: Table) -> WayPoints:
     t, values = np.array(table.numbers("t", count)), np.array(table.numbers("value", count))
     if not (np.diff(t) > 0).all():
         table.fail("t", "instants that increase")
-    limits = {key: table.number(key) for key in _LIMITS if key in table.values}
+    limits = {key: table.number(key) for key in _PROFILE_LIMIT_KEYS if key in table.values}
     for key, limit in limits.items():
         if limit <= 0:
             table.fail(key, "a number above 0")

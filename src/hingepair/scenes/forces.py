@@ -25,6 +25,7 @@ from hingepair.scenes.motion import Motion, massive
 
 _MIN_NOISE_SHARE: Final = 0.01  # of the hinge torque's rms: from here on smoothing is recommended
 _NOISE_UNITS: Final = {"S1": "rad"}
+"""Units of the noise of measured quantities where they are not the unit of the quantity itself."""
 
 
 class SceneForces(Record):

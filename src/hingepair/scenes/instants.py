@@ -120,7 +120,7 @@ class Sampled(Shown, abc.ABC):
 
 def read_instants(time: Table) -> Uniform:
     """Read the instants of the table [time]."""
-    start, stop, samples = time.read(_TIME, required=_TIME).values()
+    start, stop, samples = time.read(_TIME_READERS, required=_TIME_READERS).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
@@ -146,4 +146,5 @@ def _read_sample_count(time: Table, key: str) -> int:
     return value
 
 
-_TIME: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}
+_TIME_READERS: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}
+"""Keys of the table [time] and their readers; start and stop in seconds."""

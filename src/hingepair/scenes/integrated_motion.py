@@ -22,7 +22,8 @@ from hingepair.scenes.tables import Table
 START: Final = ("psi_0", "method")
 """Keys that every such motion may have in its table, beside S1_0 and frame in space, phi_0 in the plane."""
 
-_EXPRESSION_KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
+_RATE_KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
+"""Key of the table [motion] by the name that messages of `integrate` give to a rate."""
 
 
 def integrated(
@@ -44,7 +45,7 @@ def integrated(
     method = table.choice("method", tuple(RULES) if planar else METHODS)
     options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
-    with table.naming(**_EXPRESSION_KEYS):
+    with table.naming(**_RATE_KEYS):
         if planar:
             start = table.number("phi_0", 0.0)
         else:

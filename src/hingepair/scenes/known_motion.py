@@ -25,9 +25,12 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
+DERIVATIVE_ORDINALS = ("first", "second")
+"""Orders of the derivatives of the coordinates, in words."""
 _PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
 """A motion by that of body 1 and the hinge angle, and its derivatives."""
 _BODY_OUTPUTS = ("R1", "S1", "R2", "S2", "omega1", "omega2")
+"""Outputs of forward kinematics that describe both bodies: the first four are positions and attitudes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

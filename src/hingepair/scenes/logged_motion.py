@@ -50,7 +50,8 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     **COLUMN_NAMES[COORDINATES],
 }
 """Array -> its columns."""
-COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
+PAIR_LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
+"""Names of all columns that a log of a pair may have: t and the columns of the arrays."""
 
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
@@ -78,17 +79,22 @@ class Layout(NamedTuple):
         return self.arrays.get(name, (name,))
 
 
-_OF_A_PAIR: Final = Layout(
+_PAIR_LOG_LAYOUT: Final = Layout(
     ARRAYS,
-    COLUMNS,
+    PAIR_LOG_COLUMNS,
     frozenset({"phi", "psi"}),
     frozenset({*SPATIAL.levels, *PLANAR.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
-_POSITION = ("R1", "v1", "a1")
+"""Layout of the log of a pair: its angles, its results and the command that writes it."""
+_POSITION_ARRAYS = ("R1", "v1", "a1")
+"""Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
 _HINGE_COLUMNS = ("psi", "psid", "psidd")
-_EULER = ("phi", "phid", "phidd")
-_QUATERNION = ("quat_xyzw", "omega1", "alpha1")
+"""Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
+_EULER_ARRAYS = ("phi", "phid", "phidd")
+"""Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
+_QUATERNION_ARRAYS = ("quat_xyzw", "omega1", "alpha1")
+"""Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 _MIN_ROUNDED_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
@@ -108,7 +114,7 @@ def read_log(table: Table, folder: Path) -> Motion:
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
         table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
-    log = Log(log_file(table, folder), _OF_A_PAIR, completed, unwrap)
+    log = Log(log_file(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap)
     if smoothed:
         return _smoothed_motion(table, log)
     return _integrated(table, log) if integrated else _stated(table, log)
@@ -124,7 +130,7 @@ def log_file(table: Table, folder: Path) -> Path:
 
 def _frame(table: Table, log: Log) -> str:
     """Return the axes of a log's angular velocities, which the table must name; "world" where the log has none."""
-    rates = [column for name in _QUATERNION[1:] for column in ARRAYS[name] if column in log.columns]
+    rates = [column for name in _QUATERNION_ARRAYS[1:] for column in ARRAYS[name] if column in log.columns]
     if "frame" in table.values and not rates:
         table.fail("frame", "no such key, since the log has no omega1_x, omega1_y, omega1_z")
     if rates and "frame" not in table.values:
@@ -280,15 +286,15 @@ class Log(Place):
 def _stated(table: Table, log: Log) -> Motion:
     """Return the motion that the file states: position, attitude, hinge angle."""
     attitude = _attitude(log)
-    if attitude is _QUATERNION and "sequence" in table.values:
+    if attitude is _QUATERNION_ARRAYS and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
-    parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE_COLUMNS)}
+    parts = {names: log.part(names) for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS)}
     level, frame = _highest_derivative(log, parts), _frame(table, log)
-    for name in (*(ARRAYS["phi"] if attitude is _EULER else ()), "psi"):
+    for name in (*(ARRAYS["phi"] if attitude is _EULER_ARRAYS else ()), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
     given: Given
-    if attitude is _EULER:
+    if attitude is _EULER_ARRAYS:
         rows = tuple(_seven([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
         given, how = ByCoordinates(log.t.size, rows, sequence), turns_about(sequence)
     else:
@@ -296,7 +302,7 @@ def _stated(table: Table, log: Log) -> Motion:
         known["S1"] = log.rotations(known["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            own = [name for name in _QUATERNION[start:] if name in known]
+            own = [name for name in _QUATERNION_ARRAYS[start:] if name in known]
             known |= {name: rotate_to_world(known["S1"], known[name]) for name in own}
         given, how = by_body1(known), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
@@ -309,16 +315,20 @@ def _smoothed_motion(table: Table, log: Log) -> Motion:
     attitude = _attitude(log)
     read = {
         "t",
-        *(column for names in (_POSITION, attitude, _HINGE_COLUMNS) for column in ARRAYS.get(names[0], names[:1])),
+        *(
+            column
+            for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS)
+            for column in ARRAYS.get(names[0], names[:1])
+        ),
     }
     for column in log.columns:
         if column not in read:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
-    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER else ())))
-    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION, attitude, _HINGE_COLUMNS))
-    if attitude is _EULER:
+    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER_ARRAYS else ())))
+    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS))
+    if attitude is _EULER_ARRAYS:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCES, "XYZ")))
     else:
         S1 = log.rotations(turns)
@@ -351,8 +361,8 @@ def _smoothed_motion(table: Table, log: Log) -> Motion:
 
 def _integrated(table: Table, log: Log) -> Motion:
     """Return the motion whose rates the file states, integrated (E12)."""
-    rates = (_QUATERNION[1:], _HINGE_COLUMNS[1:])
-    quantities = (name for names in (_POSITION, *rates) for name in names)
+    rates = (_QUATERNION_ARRAYS[1:], _HINGE_COLUMNS[1:])
+    quantities = (name for names in (_POSITION_ARRAYS, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
@@ -361,9 +371,11 @@ def _integrated(table: Table, log: Log) -> Motion:
     for part in (turning, hinge):
         name, array = next(iter(part.items()))
         log.finite(name, array, "integrated")
-    position = log.part(_POSITION, required=any(column in log.columns for column in (*ARRAYS["v1"], *ARRAYS["a1"])))
+    position = log.part(
+        _POSITION_ARRAYS, required=any(column in log.columns for column in (*ARRAYS["v1"], *ARRAYS["a1"]))
+    )
     if not position:
-        position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
+        position = dict.fromkeys(_POSITION_ARRAYS, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     _frame(table, log)
@@ -378,7 +390,7 @@ def _integrated(table: Table, log: Log) -> Motion:
 def _attitude(log: Log) -> tuple[str, ...]:
     """Return the names of the attitude and its rates, angles or quaternions; refuse columns of the other kind."""
     euler = any(column in log.columns for column in ARRAYS["phi"])
-    own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
+    own, other = (_EULER_ARRAYS, _QUATERNION_ARRAYS) if euler else (_QUATERNION_ARRAYS, _EULER_ARRAYS)
     if not euler and not any(column in log.columns for column in ARRAYS["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")

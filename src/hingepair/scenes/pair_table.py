@@ -50,6 +50,7 @@ def read_body(table: Table, key: str) -> Body:
     return made(own, Body, own.read(BODY_KEYS))
 
 
+# Class of each shape, the attribute that its first key becomes, and its keys with their readers.
 _SHAPE_READERS: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
@@ -67,8 +68,16 @@ BODY_KEYS: Final[Mapping[str, Key]] = {
 }
 """Keys of a body and their readers."""
 _BODY_READERS: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
-_ROBOT: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
-_PLANAR: Final[Mapping[str, Key]] = {"u1": numbers_key(2), "u2": numbers_key(2), "name": Table.text, **_BODY_READERS}
+"""Keys of both bodies of a pair and their readers."""
+_ROBOT_HINGE_READERS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+"""Keys that take a pair from a hinge of a robot, and their readers."""
+_PLANAR_PAIR_READERS: Final[Mapping[str, Key]] = {
+    "u1": numbers_key(2),
+    "u2": numbers_key(2),
+    "name": Table.text,
+    **_BODY_READERS,
+}
+"""Keys of a pair in the plane and their readers; u1 and u2 in metres."""
 PAIR_KEYS: Final[Mapping[str, Key]] = {
     **{
         "u1": numbers_key(3),
@@ -80,24 +89,25 @@ PAIR_KEYS: Final[Mapping[str, Key]] = {
     **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODY_READERS},
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-KEYS: Final = (*PAIR_KEYS, *_ROBOT)
+SPATIAL_PAIR_KEYS: Final = (*PAIR_KEYS, *_ROBOT_HINGE_READERS)
+"""Keys that the table [pair] of a pair in space may have."""
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """Return the pair of the table [pair], named as its file is unless it has a name."""
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))
-    table.check_keys(KEYS)
-    if not table.values.keys() & _ROBOT:
+        return made(table, PlanarPair, name | table.read(_PLANAR_PAIR_READERS, ("u1", "u2")))
+    table.check_keys(SPATIAL_PAIR_KEYS)
+    if not table.values.keys() & _ROBOT_HINGE_READERS:
         return made(table, HingePair, name | table.read(PAIR_KEYS, ("u1", "u2", "n")))
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_ROBOT, **_BODY_READERS}:
+        if key not in {**_ROBOT_HINGE_READERS, **_BODY_READERS}:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
-    values = table.read({**_ROBOT, **_BODY_READERS}, _ROBOT)
-    return replace(made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
+    values = table.read({**_ROBOT_HINGE_READERS, **_BODY_READERS}, _ROBOT_HINGE_READERS)
+    return replace(made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_READERS}), **values)
 
 
 def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) -> dict[str, tuple[Any, ...]]:

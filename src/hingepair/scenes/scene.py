@@ -40,16 +40,20 @@ if TYPE_CHECKING:
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
-_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
-_MECHANISM_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
+_PAIR_SCENE_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
+"""Keys and tables that the file of a scene of a pair may have."""
+_MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
+"""Keys and tables that the file of a scene of a mechanism may have."""
 _SCENE_OUTPUT_LEVELS = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
 }
+"""Derivatives that an output needs, by its name without the number of the body; others need none."""
 COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Outputs of a scene that are not of the equations: its coordinates, all or psi alone, and their derivatives."""
-_QUATERNIONS: Final = {"quat1": "S1", "quat2": "S2"}
-SCENE_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_QUATERNIONS)
+_QUATERNION_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}
+"""Attitude by the output that gives it as a quaternion (x, y, z, w)."""
+SCENE_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_QUATERNION_ATTITUDES)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -133,8 +137,8 @@ class SceneResult(Frozen, Result):
 
     def _components(self, name: str) -> dict[str, NDArray[np.float64]]:
         """Return the components of one of SCENE_OUTPUTS by name; none where it is not known, or was not needed."""
-        if name in _QUATERNIONS:
-            S = getattr(self.state, _QUATERNIONS[name], None)
+        if name in _QUATERNION_ATTITUDES:
+            S = getattr(self.state, _QUATERNION_ATTITUDES[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
         if _output_level(name) > self.known.level:
             return {}
@@ -434,7 +438,7 @@ class Scene(Sampled):
         """Return the outputs of the equations that are needed, and the order of derivatives that all outputs need."""
         if names is None:
             return None, self.motion.level
-        own = (_QUATERNIONS.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
+        own = (_QUATERNION_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
         return tuple(dict.fromkeys(own)), max(map(_output_level, names))
 
 
@@ -561,11 +565,11 @@ def with_constants(tables: Table) -> Table:
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if _is_of_mechanism(tables):
         for key in tables.values:
-            if key in _TABLES and key not in _MECHANISM_TABLES:
+            if key in _PAIR_SCENE_KEYS and key not in _MECHANISM_SCENE_KEYS:
                 tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_MECHANISM_TABLES)
+        tables.check_keys(_MECHANISM_SCENE_KEYS)
     else:
-        tables.check_keys((*_TABLES, "mechanism", "joint"))
+        tables.check_keys((*_PAIR_SCENE_KEYS, "mechanism", "joint"))
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
     known: dict[str, Any] = {}

@@ -31,12 +31,17 @@ from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions
 
-PRESCRIBED: Final = "prescribed"
+PRESCRIBED_BASE: Final = "prescribed"
+"""Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
 _HINGE_VARIABLES: Final = ("psi", "psid")
-_STOPS: Final = ("stop_stiffness", "stop_damping", "stop_restitution")
-_HINGE_LOAD_KEYS: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", *_STOPS)
-_START: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
+"""Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""
+_STOP_KEYS: Final = ("stop_stiffness", "stop_damping", "stop_restitution")
+"""Keys of [dynamics] for the stops at the hinge's limits."""
+_HINGE_LOAD_KEYS: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", *_STOP_KEYS)
+"""Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
+_START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
+"""Keys of [dynamics] for the state of body 1 at the first instant."""
 _ARGUMENTS: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
 """Keys by the arguments of `simulate` that they become."""
 
@@ -102,7 +107,7 @@ def _keys(size: int) -> dict[str, Key]:
         **{
             "tol": Table.number,
             "breaks": _read_instants,
-            "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
+            "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED_BASE)),
         },
     }
 
@@ -134,16 +139,16 @@ def read_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
     planar = isinstance(pair, PlanarPair)
     others = table.read(_keys(2 if planar else 3))
     base = others.pop("base", BASES[0])
-    start: dict[str, Any] = {key: others.pop(key) for key in _START if key in others}
+    start: dict[str, Any] = {key: others.pop(key) for key in _START_KEYS if key in others}
     hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
             table.fail("stops", "[lower, upper], or true of a pair that has limits")
-    if base == PRESCRIBED:
+    if base == PRESCRIBED_BASE:
         for key in start:
-            table.fail(key, f"nothing beside base = {PRESCRIBED!r}, whose body 1 moves as [motion] says")
-    body1 = None if base == PRESCRIBED else _read_start(table, start, planar)
+            table.fail(key, f"nothing beside base = {PRESCRIBED_BASE!r}, whose body 1 moves as [motion] says")
+    body1 = None if base == PRESCRIBED_BASE else _read_start(table, start, planar)
     for letter in _HINGE_VARIABLES:
         if letter in table.constants:
             own = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
@@ -160,7 +165,7 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
             expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
             Place(table.file, "pair").refuse(name, expected, "nothing")
     base: Any = kind
-    if kind == PRESCRIBED:
+    if kind == PRESCRIBED_BASE:
         base = _carried(motion, pair)
     else:
         motion.check_keys(("constants",))

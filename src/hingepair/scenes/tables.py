@@ -16,14 +16,18 @@ from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
 
 MAX_TABLE_BYTES: Final = 1_000_000
+"""Largest size of a file of tables that is read [bytes]."""
 MAX_KEY_PARTS: Final = 16
 """Of a dotted key; the time to read one grows with the square of its parts."""
 
-_KEY_PART = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
+# One part of a dotted key, bare or in quotes, and the dot behind it; possessive, so that time stays linear.
+_KEY_PART_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
 
-_PLACE = re.compile(r"\(at line (\d+), column (\d+)\)")
+# Line and column in a message of the TOML parser.
+_PLACE_PATTERN = re.compile(r"\(at line (\d+), column (\d+)\)")
 _VALUE = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
-_FORMULA = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
+# Bare text with a letter or an operator: an expression whose quotes are missing.
+_FORMULA_PATTERN = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
@@ -268,7 +272,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 def _fault(file: str, text: str, reason: str) -> SceneError:
     """Return the error of a text that is no TOML, with the line and a caret, and what is probably meant."""
-    place = _PLACE.search(reason)
+    place = _PLACE_PATTERN.search(reason)
     if place is None:
         return SceneError(file, "valid TOML", reason)
     column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
@@ -276,7 +280,7 @@ def _fault(file: str, text: str, reason: str) -> SceneError:
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
         hint = f"; it is written {word.lower()}"
-    elif len(word) <= _shown.maxstring and _FORMULA.fullmatch(word):
+    elif len(word) <= _shown.maxstring and _FORMULA_PATTERN.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)
     error.add_note(pointed(line, column))
@@ -300,7 +304,7 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 def _check_key_parts(file: str, text: str) -> None:
     """Refuse a dotted key of too many parts, which the TOML reader would follow without end."""
     end, parts = 0, 0
-    for part in _KEY_PART.finditer(text):
+    for part in _KEY_PART_PATTERN.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1
         end = part.end()
         if parts > MAX_KEY_PARTS:

@@ -23,7 +23,9 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 
 PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
+"""Names of the curves from one waypoint to the next."""
 MAX_POINTS: Final = 200
+"""Largest number of waypoints of one coordinate."""
 _PROFILE_POLYNOMIALS: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
 """Coefficients of the way from 0 to 1 in the time from 0 to 1."""
 _SAME: Final = 1e-9  # of the size of a derivative: a smaller jump is rounding

@@ -13,6 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.tables import Table
 
 DESIGNS: Final = ("grid", "random", "sobol")
+"""Names of the ways to place the variants of a sweep in the ranges of its numbers."""
 MAX_VARIANTS: Final = 10_000_000
 """Variants of one sweep at most."""
 

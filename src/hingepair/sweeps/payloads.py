@@ -35,7 +35,8 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.pair_table import BODY_KEYS, made
 from hingepair.scenes.tables import Table
 
-_PAYLOAD: Final = ("mechanism", "payload")
+_PAYLOAD_PATH: Final = ("mechanism", "payload")
+"""Keys that lead to the payload in a scene of a mechanism."""
 _MAX_SIZE: Final = 1e100  # of mass, lever and inertia, in SI units; products of three of them do not overflow
 _MOMENT_ENTRIES: Final = (
     (0, 0),
@@ -249,7 +250,7 @@ def payload_variants(
     payload = mechanism.table("payload", required=False)
     varied: dict[str, list[_Varied]] = {}
     for place, steps in enumerate(keys):
-        if tuple(steps[:2]) != _PAYLOAD or len(steps) not in {4, 5}:
+        if tuple(steps[:2]) != _PAYLOAD_PATH or len(steps) not in {4, 5}:
             return None
         link, name, *component = steps[2:]
         body = payload.table(str(link)).values

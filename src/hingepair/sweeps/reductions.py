@@ -29,12 +29,13 @@ _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = 
 NAMES: Final = (*_REDUCTIONS, "q5", "q50", "q95")
 """Names of reductions; of quantiles, examples. NaN at an instant makes them NaN, or the first such instant."""
 
-_QUANTILE: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
+# Name of a quantile; its group is the percentage, 0 to 100.
+_QUANTILE_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
 def is_reduction(name: object) -> bool:
     """Return whether a value is the name of a reduction: one of `NAMES`, or a quantile in percent such as q2.5."""
-    return isinstance(name, str) and (name in _REDUCTIONS or _QUANTILE.fullmatch(name) is not None)
+    return isinstance(name, str) and (name in _REDUCTIONS or _QUANTILE_PATTERN.fullmatch(name) is not None)
 
 
 def reduce_arrays(
@@ -51,7 +52,7 @@ def reduce_arrays(
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     reduced: dict[str, Any] = {}
     for reduction in reductions:
-        quantile = _QUANTILE.fullmatch(reduction)
+        quantile = _QUANTILE_PATTERN.fullmatch(reduction)
         part = float(quantile[1]) / 100 if quantile else None
         reduced[reduction] = _REDUCTIONS[reduction](flat, t) if part is None else np.quantile(flat, part, axis=1)
     return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

@@ -28,6 +28,7 @@ from hingepair.sweeps.reductions import NAMES, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import Variants, check_number, parse_key
 
+# Keys and tables that the file of a sweep may have.
 _SWEEP_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has

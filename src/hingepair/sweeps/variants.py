@@ -26,7 +26,8 @@ from hingepair.sweeps.payloads import PayloadVariants, payload_variants
 FORCE_OUTPUTS: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
-_STEP: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+# One part of the path to a number of a scene: a key, then indices in brackets.
+_KEY_STEP_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
 _GEOMETRY: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
@@ -64,7 +65,7 @@ def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
     """
     steps: list[str | int] = []
     for part in key.split("."):
-        found = _STEP.fullmatch(part)
+        found = _KEY_STEP_PATTERN.fullmatch(part)
         if found is None:
             table.fail("key", 'names with dots and places in brackets, such as "pair.u1[0]"')
         steps.append(found[1])

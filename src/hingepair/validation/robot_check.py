@@ -17,10 +17,11 @@ from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
-from hingepair.validation.robot_scales import MOTION, RobotScales
+from hingepair.validation.robot_scales import FRAME_MOTION_NAMES, RobotScales
 from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robot_twin
 
-_BASE = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
+_BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
+"""Labels of the force [N] and the torque [N m] on the base, by component."""
 _REGULAR = 1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
 
 
@@ -55,8 +56,8 @@ def cross_validate_robot(
             robot, twin, samples, ours, theirs
         )
     scales = _output_scales(robot, twin, samples, places, tips, fall, ours)
-    labels = dict.fromkeys((*MOTION, "d"), names) | {"jacobian": tips, "tau": robot.names}
-    labels["forward_dynamics"] = (*_BASE, *robot.names) if robot.base == "free" else robot.names
+    labels = dict.fromkeys((*FRAME_MOTION_NAMES, "d"), names) | {"jacobian": tips, "tau": robot.names}
+    labels["forward_dynamics"] = (*_BASE_WRENCH_LABELS, *robot.names) if robot.base == "free" else robot.names
     rows = []
     for name, expected in theirs.items():
         parts = labels.get(name, ("",))
@@ -321,7 +322,7 @@ def _output_scales(
         at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
         still = RobotScales(robot.tree, joints[:1], at_origin, gravity)
         motions = [scales.motion(frame) for frame in frames.values()]
-        found |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in MOTION}
+        found |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_NAMES}
         found["S"] = found["S"][..., None]
         found["d"] = np.stack([still.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
         found["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)

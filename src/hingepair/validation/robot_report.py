@@ -13,7 +13,8 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND
 
-_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+_ROBOT_REPORT_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+"""Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +141,9 @@ class RobotValidation(Shown):
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]
-        return Sheet(title, (_HEADER, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict))
+        return Sheet(
+            title, (_ROBOT_REPORT_HEADER, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict)
+        )
 
     def to_json(self) -> str:
         """Return the report as JSON; a number that is not finite is null."""

@@ -23,8 +23,10 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import norm
 from hingepair.pair.body_motion import BodyMotion
 
-MOTION = ("R", "S", "v", "omega", "a", "alpha")
+FRAME_MOTION_NAMES = ("R", "S", "v", "omega", "a", "alpha")
+"""Names of the position, attitude, velocities and accelerations of a frame."""
 _SCALE_SYMBOLS = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+"""Symbols of the scales of a frame's motion by the name of the quantity; the attitude's scale is by itself."""
 
 
 class RobotScales:

@@ -93,8 +93,16 @@ class RobotTwin:
         return list(found.values())
 
 
-_STILL = np.zeros(3)
-RESTING_BASE_MOTION = BodyMotion(R=_STILL, S=np.eye(3), v=_STILL, omega=_STILL, a=_STILL, alpha=_STILL)
+# Position, velocities and accelerations of a base that rests at the origin.
+_ZERO_COMPONENTS = np.zeros(3)
+RESTING_BASE_MOTION = BodyMotion(
+    R=_ZERO_COMPONENTS,
+    S=np.eye(3),
+    v=_ZERO_COMPONENTS,
+    omega=_ZERO_COMPONENTS,
+    a=_ZERO_COMPONENTS,
+    alpha=_ZERO_COMPONENTS,
+)
 """A base that rests at the origin."""
 
 

@@ -19,10 +19,11 @@ from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
 from hingepair.scenes.logged_motion import ORDER
 from hingepair.scenes.mechanisms.joint_motion import RATES, KnownJoints
 
-_HEADINGS = (
+_FORCE_TABLE_HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
     *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
 )
+"""Headings of the table of joint forces: torques against their limits, then positions and rates."""
 _MIN_NOISE_SHARE = 0.01
 """Share of a torque's rms from which smoothing is recommended."""
 
@@ -193,7 +194,7 @@ def mechanism_scene_forces(
 def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     """Return the heading and the rows of a table of loads beside limits; a limit that is none is empty."""
     logged = any(math.isfinite(load.noise) for load in loads)
-    rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
+    rows: list[tuple[str, ...]] = [(*_FORCE_TABLE_HEADINGS, "by noise") if logged else _FORCE_TABLE_HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit_text(load.effort_limit), use

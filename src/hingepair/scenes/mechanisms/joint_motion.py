@@ -32,7 +32,8 @@ RATES: Final = ("", "d", "dd")
 """What is behind a joint's name in the columns of a log, by the order of the derivative."""
 BASE_KEYS: Final = COORDINATES[:-1]
 """The coordinates of the base, in the table [base]."""
-_RESERVED: Final = ("constants", "file", "differentiate", "unwrap")
+_JOINT_OPTION_KEYS: Final = ("constants", "file", "differentiate", "unwrap")
+"""Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
 
@@ -244,7 +245,7 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
     """Refuse joints whose names are keys of [motion], or whose columns in a file are those of others."""
     columns = {"t": "the instants"}
     for name in robot.names:
-        if name in _RESERVED:
+        if name in _JOINT_OPTION_KEYS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
         for ending in RATES:
             column = name + ending
@@ -303,7 +304,7 @@ def _read_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | N
     if unwrap is not None and not completed:
         wanted = "differentiate = true beside it, or no such key: it decides how angles are differentiated"
         table.fail("unwrap", wanted)
-    table.check_keys(_RESERVED)
+    table.check_keys(_JOINT_OPTION_KEYS)
     log = Log(log_file(table, folder), _layout(robot), completed, unwrap)
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:

@@ -19,14 +19,16 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.pair_table import BODY_KEYS, PAIR_KEYS, made
 from hingepair.scenes.tables import Key, Place, Table, numbers_key
 
-_SOURCES: Final = ("robot", "urdf")
+_ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
+"""Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
 MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """What the table [mechanism] may hold."""
 JOINT_CLASSES: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Kinds of joints of [[joint]] tables."""
 JOINT_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEYS if key != "name"))
 """What a table [[joint]] may hold."""
-_FRAME: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
+_FRAME_READERS: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
+"""Keys of a frame and their readers: its link, and its position [m] and attitude in the link."""
 
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
@@ -42,7 +44,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     """
     table = tables.table("mechanism", required=False)
     table.check_keys(MECHANISM_KEYS)
-    sources = [key for key in _SOURCES if key in table.values]
+    sources = [key for key in _ROBOT_SOURCE_KEYS if key in table.values]
     if "joint" in tables.values:
         for key in (*sources, "locked"):
             if key in table.values:
@@ -148,7 +150,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     frames = table.table("frames", required=False)
     for name in frames.values:
         frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_FRAME, ("link",))
+        values: dict[str, Any] = frame.read(_FRAME_READERS, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():

@@ -24,6 +24,7 @@ from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, Sampled
+from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS
 from hingepair.scenes.log_noise import noise_rows
 from hingepair.scenes.mechanisms.forces import JointNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
@@ -50,11 +51,14 @@ FRAME_QUANTITIES: Final = tuple(_FRAME_LEVELS)
 """Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
 _OF_A_FRAME: Final = ("R", "S", "v", "omega", "a", "alpha")
 """What is computed of a frame unless it is named."""
-_COORDINATES: Final = ("q", "qd", "qdd")
-_JOINT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
-_BASE_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
-_MECHANISM_OUTPUT_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_LEVELS, **_BASE_LEVELS}
-_ORDINALS: Final = ("first", "second")
+_COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd")
+"""Outputs that are coordinates of the joints, and their derivatives by order."""
+_JOINT_OUTPUT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
+"""Derivatives that outputs with a value for each joint need."""
+_BASE_OUTPUT_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
+"""Derivatives that the force and the torque on the base need."""
+_MECHANISM_OUTPUT_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_OUTPUT_LEVELS, **_BASE_OUTPUT_LEVELS}
+"""Derivatives that each output of a scene of a mechanism needs; frames' outputs by their quantity."""
 MECHANISM_OUTPUTS: Final = tuple(_MECHANISM_OUTPUT_LEVELS)
 """Quantities that a scene of a mechanism can be asked for."""
 
@@ -130,9 +134,9 @@ class MechanismSceneResult(Frozen, Result):
                 if quantity == "tau":
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
-                    order = _COORDINATES.index(quantity)
+                    order = _COORDINATE_OUTPUTS.index(quantity)
                     arrays[joint + RATES[order]] = self.known.column(order, columns[joint])
-            if quantity in _BASE_LEVELS:
+            if quantity in _BASE_OUTPUT_LEVELS:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
 
@@ -186,10 +190,10 @@ class MechanismSceneResult(Frozen, Result):
         return state
 
     def __getattr__(self, name: str) -> Any:
-        if name in _COORDINATES:
-            order = _COORDINATES.index(name)
+        if name in _COORDINATE_OUTPUTS:
+            order = _COORDINATE_OUTPUTS.index(name)
             return self.known.array(order) if order <= self.known.level else None
-        if name in {"tau", *_BASE_LEVELS}:
+        if name in {"tau", *_BASE_OUTPUT_LEVELS}:
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
@@ -200,7 +204,7 @@ class MechanismSceneResult(Frozen, Result):
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
-        names = (*_COORDINATES, "tau", *_BASE_LEVELS, *MechanismState.__slots__)
+        names = (*_COORDINATE_OUTPUTS, "tau", *_BASE_OUTPUT_LEVELS, *MechanismState.__slots__)
         return (*(name for name in names if getattr(self, name) is not None), "energy", "momentum")
 
 
@@ -405,7 +409,9 @@ class MechanismScene(Sampled):
                 MechanismOutput(name, self.frames) for name in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[name] <= level
             ]
             of_joints = [
-                MechanismOutput(name, (), joints) for name in _COORDINATES if _MECHANISM_OUTPUT_LEVELS[name] <= level
+                MechanismOutput(name, (), joints)
+                for name in _COORDINATE_OUTPUTS
+                if _MECHANISM_OUTPUT_LEVELS[name] <= level
             ]
             return (*of_frames, *of_joints)
         try:
@@ -425,7 +431,7 @@ class MechanismScene(Sampled):
         if name in _FRAME_LEVELS:
             asked = [MechanismOutput(str(name), self.frames)]
         elif name in _MECHANISM_OUTPUT_LEVELS:
-            asked = [MechanismOutput(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
+            asked = [MechanismOutput(str(name), (), robot.names if name in _JOINT_OUTPUT_LEVELS else ())]
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
             asked = [
                 MechanismOutput(kind, (name,)) for kind in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[kind] <= level
@@ -511,7 +517,7 @@ def _needed_quantities(
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
     of_frames = tuple(name for name in _FRAME_LEVELS if name in named)
-    return frames, of_frames, tuple(name for name in ("tau", *_BASE_LEVELS) if name in named)
+    return frames, of_frames, tuple(name for name in ("tau", *_BASE_OUTPUT_LEVELS) if name in named)
 
 
 @dataclass(frozen=True, slots=True)
@@ -542,7 +548,9 @@ class MechanismPlan:
         skipped = [f"joints that do not move, whose sines and cosines are constants: {', '.join(self.still)}"]
         reasons = ["no output needs them" if i < self.level else "the motion does not give them" for i in range(2)]
         skipped = skipped if self.still else []
-        skipped += [f"{_ORDINALS[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)]
+        skipped += [
+            f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)
+        ]
         skipped += ["the motion of the base: it rests at the origin"] * self.base_rests
         return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {reason}" for reason in skipped)])
 
