@@ -46,7 +46,7 @@ class ShapeError(ArgumentError):
 
 
 class DtypeError(ArgumentError, TypeError):
-    """An array has a type of number that is not computed with."""
+    """An array has a dtype that is not supported."""
 
 
 class GimbalLockError(ArgumentError):

@@ -52,7 +52,7 @@ class Loads:
         forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
         hinge_torque: torque at the hinge [N m]: a number, a HingeLoad, or a callable of (t, psi, psid).
         gravity: acceleration of free fall [m/s^2].
-        flat: whether the pair is planar: forces and gravity have two components then, and torques one.
+        is_planar: whether the pair is planar: forces and gravity have two components then, and torques one.
 
     Raises:
         ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.

@@ -102,7 +102,7 @@ class _TrajectoryBase(Frozen, Result):
 
     @property
     def psi_error_estimate(self) -> float:
-        """Error of the hinge angle psi at the worst instant [rad], estimated in the same way."""
+        """Error of the hinge angle psi at the worst instant [rad], estimated as `error_estimate` is."""
         return self._psi_error()
 
     def __getattr__(self, name: str) -> Any:

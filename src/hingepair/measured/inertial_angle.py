@@ -87,13 +87,13 @@ def fit_angle(
         gaps: the longest time without a sample that rates are integrated over [s].
         gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
             [rad/s]; 0 where they were taken off before.
-        accelerometer_bias: likewise of the accelerometers [m/s^2]; what it turns the force by goes into `std`.
+        accelerometer_bias: likewise of the accelerometers [m/s^2]; its effect on psi is included in `std`.
 
     Returns:
         psi with its standard deviation, sample by sample.
 
     Raises:
-        FitError: fewer than 8 samples together.
+        FitError: fewer than 8 instants at which both sensors have a value.
         ArgumentError: an argument cannot be used; names it.
         MissingDependencyError: SciPy is not installed.
     """

@@ -44,9 +44,9 @@ class Mechanism(MechanismMethods):
     A body is a group of links that fixed or locked joints hold together. The coordinates q are in the order of
     `names`: depth-first, siblings by the joint's name, as in Pinocchio; in rad for hinges, in m for sliders. The
     arguments q, qd, qdd and tau are an array of shape (..., dof), a table whose columns have the joints' names, or a
-    dict with a number or an array for each joint; numbers are known constants. The argument `base_motion` is the pose
-    and the motion of the base. By default the base rests at the origin; given position and attitude alone, it rests
-    there. Vectors are in world axes, accelerations are classical.
+    dict with a number or an array for each joint; a plain number is the same at every sample. The argument
+    `base_motion` is the pose and the motion of the base. By default the base rests at the origin; given position and
+    attitude alone, it rests there. Vectors are in world axes, accelerations are classical.
 
     Args:
         pairs: HingePairs and Sliders, each named for its joint. Body 2 of a pair is the link of the pair's name, with
@@ -136,7 +136,7 @@ class Mechanism(MechanismMethods):
         Args:
             model: of Pinocchio: revolute, continuous, prismatic, mimic and composite joints depth-first, and a
                 free-flyer at its root. Its q is that of the robot where nq is nv: a continuous joint has cos and sin
-                there.
+                in Pinocchio's q.
             base: "fixed" or "free"; unless given, free where the model has a free-flyer.
             locked: as for `from_urdf`.
 

@@ -411,7 +411,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the forces at zero acceleration, the bias of `mass_matrix` (T1-T3).
+        """Compute the forces at zero acceleration (T1-T3): tau = mass_matrix @ qdd + bias_forces.
 
         Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S and omega are used, for a fixed
         base also a and alpha; the other arguments are those of `jacobian`.

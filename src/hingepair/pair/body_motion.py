@@ -93,7 +93,8 @@ class BodyMotion(Frozen):
     ) -> BodyMotion:
         """Return the motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
 
-        quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
+        quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
+        as in `BodyMotion`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -120,7 +121,8 @@ class BodyMotion(Frozen):
     ) -> BodyMotion:
         """Return the motion with the attitude of quaternions, scalar first (MuJoCo).
 
-        quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
+        quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
+        as in `BodyMotion`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -147,8 +149,8 @@ class BodyMotion(Frozen):
     ) -> BodyMotion:
         """Return the motion with the attitude of rotation vectors, axis times angle.
 
-        rotvec: body to world [rad]; shape (..., 3). S is right to 6 u up to an angle of 1e15; the rest as in
-        `BodyMotion`.
+        rotvec: body to world [rad]; shape (..., 3). S is right to 6 u (u = 2^-53) up to an angle of 1e15;
+        the rest as in `BodyMotion`.
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0

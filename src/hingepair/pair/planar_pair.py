@@ -172,9 +172,10 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return the same pair in space with bodies that stay in the plane: centres in it, equal principal moments.
+        """Return the pair in space for dynamics in the plane: centres of mass in it, equal principal moments.
 
-        What moves in the plane moves as the pair's bodies do, whatever these have across it.
+        Forces in the plane then have the results of the plane, and no torque arises across it. `to_spatial` keeps
+        the bodies as they are, with their centres of mass off the plane and their products of inertia.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))

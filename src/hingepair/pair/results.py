@@ -57,7 +57,7 @@ class Result(Shown):
         raise NotImplementedError
 
     def unit(self, name: str) -> str:
-        """Return the unit of what is kept by a name, or of one of its components."""
+        """Return the unit of an output or component, such as R2_x."""
         return unit_of(name)
 
     def __dir__(self) -> list[str]:
@@ -74,7 +74,9 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame, one column a component: t, R2_x, ..., S2_xx, ..., psi; units in its `attrs`.
+        """Return a pandas DataFrame with a column t and one for each component; units in its `attrs`.
+
+        Columns of a pair are R2_x, ..., S2_xx, ..., psi; those of a planar pair are R2_x, R2_y, phi2, d_x, ..., psi.
 
         Raises:
             MissingDependencyError: pandas is not installed.

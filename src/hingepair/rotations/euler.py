@@ -39,7 +39,7 @@ def _lock_limit(angles: NDArray[Any]) -> float:
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the rotation matrices of Euler angles (E10), to 6 u in every component.
+    """Return the rotation matrices of Euler angles (E10), to 6 u (u = 2^-53) in every component.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -72,10 +72,11 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
     """Return the Euler angles of rotation matrices (E10 solved for phi).
 
-    The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
+    The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis is also the last, as in XYX;
+    the others in [-pi, pi].
     At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
     round-off decides how it is shared out (`with_lock` tells where). What holds is that the angles of a rotation S
-    give S back to 6 u in every component, at lock too.
+    give S back to 6 u (u = 2^-53) in every component, at lock too.
 
     Args:
         S: body to world; shape (..., 3, 3).

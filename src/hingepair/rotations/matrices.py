@@ -98,7 +98,9 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation of a rotation vector, axis times angle (E6), to 6 u a component up to an angle of 1e15.
+    """Return the rotation of a rotation vector, axis times angle (E6).
+
+    To 6 u (u = 2^-53) in every component, up to an angle of 1e15.
 
     Args:
         rotvec: rotation vectors [rad]; shape (..., 3).
@@ -147,7 +149,8 @@ def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.HingeTrig, low: eq.
 def rotation_log(S: ArrayLike) -> FloatArray:
     """Return the rotation vector of a rotation, axis times angle, the angle in [0, pi] (E6 solved for n psi).
 
-    To 6 u times the angle, for all angles: what `rotation_exp` made of a rotation vector comes back to this.
+    To 6 u (u = 2^-53) times the angle, for all angles: what `rotation_exp` made of a rotation vector comes
+    back to this.
 
     Args:
         S: rotations; shape (..., 3, 3).
@@ -232,8 +235,8 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 def project_to_rotation(M: ArrayLike) -> FloatArray:
     """Return the rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
 
-    To 6 u where M is within 1e-2 of a rotation; else the error grows with the largest singular value over the sum of
-    the two smallest.
+    To 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else the error grows with the largest singular
+    value over the sum of the two smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).

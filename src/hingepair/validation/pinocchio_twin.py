@@ -167,11 +167,13 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     """Build the pair in Pinocchio: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
 
-    Of a `Mechanism` a `RobotTwin` (hingepair.validation.robot_twin): `.model` with every joint that moves, those that
-    follow others too, and all links; `.configuration(q)`, `.velocity(q, qd)`, `.acceleration(q, qd, qdd)`.
+    A `Mechanism` gives a `RobotTwin` (hingepair.validation.robot_twin): `.model` has every joint that moves, those
+    that follow others too, and all links; `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`
+    are its q, v and a.
 
-    Masses and limits are in the model where the pair has them: body1, body2 and limits unless given weigh nothing
-    and stop nowhere, which is enough for kinematics; dynamics needs both bodies. Shapes are not (`to_urdf` has them).
+    Masses and limits are in the model where the pair has them. Without body1 or body2 the masses are 0, without
+    limits the joint is unlimited: enough for kinematics, while dynamics needs both bodies. Shapes are not in the
+    model (`to_urdf` writes them).
 
     Args:
         pair: one pair, without leading axes.
