@@ -64,7 +64,27 @@ def test_every_block_of_the_pages_is_a_step():
         kinds = [step.kind for step in page_steps(page)]
         assert kinds.count("python") == len(re.findall("^```python$", text, re.MULTILINE)), page
         assert kinds.count("command") == len(re.findall(r"^\$ hingepair", text, re.MULTILINE)), page
-        assert kinds.count("file") == len(re.findall("^:caption:", text, re.MULTILINE)), page
+        assert kinds.count("file") == len(re.findall("Save this as", text)), page
+
+
+@pytest.mark.parametrize("folder", ["concepts", "howto", "reference"])
+def test_an_index_links_each_page_of_its_folder(folder):
+    """A table of contents is shown by the site alone, links also by what reads the file as plain Markdown."""
+    links = re.findall(
+        r"^- \[(.*)\]\((\w+\.md)\): ", (DOCS / folder / "index.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    titles = [
+        (page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# "), page.name)
+        for page in (DOCS / folder).glob("*.md")
+        if page.name != "index.md"
+    ]
+    assert sorted(links) == sorted(titles)
+
+
+def test_links_of_the_pages_lead_to_files_of_the_repository():
+    for page in (*DOCS.glob("*.md"), *DOCS.glob("[!_ag]*/*.md")):
+        for link in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).exists(), (page.name, link)
 
 
 @pytest.mark.parametrize("output", PROMISES)

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 from support.work import HANG
 
-_FENCE = re.compile(r"^```(\{code-block\} )?(\w+)\n((?::\w+: [^\n]*\n)*)(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FILE_NAME = re.compile(r"Save this as `([^`\n]+)`:\n\n\Z")
 _COMMAND = re.compile(r"^\$ (hingepair .*)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
 
 
@@ -35,16 +36,16 @@ def page_steps(page: Path) -> list[Step]:
     """Return the steps of a page in their order.
 
     A step is a block of Python, whose output is the block of text behind it; or a command of a console block; or a
-    block with a caption, which is the name of a file.
+    block behind the sentence "Save this as `NAME`:", which is a file.
     """
     text = page.read_text(encoding="utf-8")
     steps: list[Step] = []
     end_of_python = -1
     for block in _FENCE.finditer(text):
-        language, options, code = block[2], block[3], block[4]
-        line = text.count("\n", 0, block.start(4)) + 1
-        if caption := re.match(r":caption: (.*)\n", options):
-            steps.append(Step("file", code.lstrip("\n"), caption[1], line))
+        language, code = block[1], block[2]
+        line = text.count("\n", 0, block.start(2)) + 1
+        if name := _FILE_NAME.search(text, 0, block.start()):
+            steps.append(Step("file", code, name[1], line))
         elif language == "python":
             steps.append(Step("python", code, "", line))
             end_of_python = block.end()
