@@ -134,14 +134,14 @@ FAULTS = {
     ),
     "a torque on body 2 turns the wheel backwards": Fault(
         "plans/dynamics_steps.py",
-        'Step("acting", operator.add, ("hinge_torque"',
-        'Step("acting", operator.sub, ("hinge_torque"',
+        'Step("total_hinge_torque", operator.add, ("hinge_torque"',
+        'Step("total_hinge_torque", operator.sub, ("hinge_torque"',
         "dynamics/test_simulate.py::test_a_wheel_on_a_fixed_base_is_turned_by_what_acts_about_its_axis[torque2]",
     ),
     "what acts on body 2 turns a free pair the other way": Fault(
         "dynamics/pair_motion.py",
-        'Step("net_torque", dyn.torque_from, ("turned"',
-        'Step("net_torque", dyn.torque_about, ("turned"',
+        'Step("net_torque", dyn.torque_from, ("total_torque"',
+        'Step("net_torque", dyn.torque_about, ("total_torque"',
         "dynamics/test_simulate.py::test_the_motion_is_the_integral_of_its_accelerations",
     ),
     "an error bound that forgets half of a product": Fault(

@@ -191,7 +191,7 @@ FORCES = Quantity(
 )
 # The wrench of body 1 on body 2, D3, D4.
 HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
-ACCELERATIONS = Quantity((*MOVES, "kept"), ("S", "omega"))  # forward dynamics, D6
+ACCELERATIONS = Quantity((*MOVES, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
 # D7.
 ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
 MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
@@ -253,11 +253,11 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
     Raises:
         ArgumentError: the masses leave a motion without resistance.
     """
-    *moves, kept = outputs
-    if (kept <= SINGULAR).any():
+    *accelerations, pivot_ratios = outputs
+    if (pivot_ratios <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
-    return Accelerations(*moves)
+    return Accelerations(*accelerations)
 
 
 def check_resistance(constants: Constants, bodies: Bodies) -> None:

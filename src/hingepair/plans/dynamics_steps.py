@@ -19,23 +19,27 @@ _LEVERS = (
     *ARM_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
-    Step("from_hinge", eq.subtract, ("c2", "u2")),
-    Step("h", eq.rotate, ("S2", "from_hinge")),
+    Step("hinge_to_centre2", eq.subtract, ("c2", "u2")),
+    Step("h", eq.rotate, ("S2", "hinge_to_centre2")),
     Step("e", eq.add, ("r1", "h")),
-    Step("push", eq.cross, ("axis", "h")),
+    Step("partial_velocity2", eq.cross, ("axis", "h")),
     Step("mass", operator.add, ("m1", "m2")),
-    Step("share", operator.truediv, ("m2", "mass")),
+    Step("mass_fraction2", operator.truediv, ("m2", "mass")),
     Step("J1", dyn.world_inertia, ("S1", "I1")),
     Step("J2", dyn.world_inertia, ("S2", "I2")),
     Step("J", dyn.matrix_sum, ("J1", "J2")),
-    Step("spread1", dyn.spread, ("m1", "centre1")),
-    Step("J_R1", dyn.matrix_sum, ("J", "spread1")),
-    Step("about_R1", dyn.resistance, ("J_R1", "J2", "axis", "push", "m2", "e")),
-    Step("apart", eq.subtract, ("e", "centre1")),
-    Step("reduced", operator.mul, ("m1", "share")),
-    Step("about_centre", dyn.resistance, ("J", "J2", "axis", "push", "reduced", "apart")),
-    Step("to_centre", eq.scale, ("apart", "share")),
-    Step("centre", eq.add, ("centre1", "to_centre")),
+    Step("point_inertia1", dyn.spread, ("m1", "centre1")),
+    Step("J_R1", dyn.matrix_sum, ("J", "point_inertia1")),
+    Step("inertia_about_R1", dyn.resistance, ("J_R1", "J2", "axis", "partial_velocity2", "m2", "e")),
+    Step("centre1_to_centre2", eq.subtract, ("e", "centre1")),
+    Step("reduced_mass", operator.mul, ("m1", "mass_fraction2")),
+    Step(
+        "inertia_about_centre",
+        dyn.resistance,
+        ("J", "J2", "axis", "partial_velocity2", "reduced_mass", "centre1_to_centre2"),
+    ),
+    Step("centre1_to_centre", eq.scale, ("centre1_to_centre2", "mass_fraction2")),
+    Step("centre", eq.add, ("centre1", "centre1_to_centre")),
 )
 """Steps to the centres of mass, world axes, and to the inertias (D1-D6)."""
 
@@ -49,24 +53,24 @@ _INVERSE = (
     Step("about_axis", eq.scale, ("axis", "hinge_torque")),
     Step("bearing_torque", eq.subtract, ("moment", "about_axis")),
     Step("force1", eq.add, ("f1", "f2")),
-    Step("about1", dyn.torque_about, ("t1", "centre1", "f1")),
-    Step("about2", dyn.torque_about, ("t2", "e", "f2")),
-    Step("torque1", eq.add, ("about1", "about2")),
+    Step("t1_about_R1", dyn.torque_about, ("t1", "centre1", "f1")),
+    Step("t2_about_R1", dyn.torque_about, ("t2", "e", "f2")),
+    Step("torque1", eq.add, ("t1_about_R1", "t2_about_R1")),
 )
 """Steps of inverse dynamics (D1-D5)."""
 
 _ENERGIES = (
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
     Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
-    Step("at1", eq.add, ("R1", "centre1")),
-    Step("at2", eq.add, ("R1", "e")),
+    Step("R_centre1", eq.add, ("R1", "centre1")),
+    Step("R_centre2", eq.add, ("R1", "e")),
     Step("kinetic1", dyn.kinetic_energy, ("m1", "v_centre1", "omega1", "J1")),
     Step("kinetic2", dyn.kinetic_energy, ("m2", "v_centre2", "omega2", "J2")),
     Step("kinetic", operator.add, ("kinetic1", "kinetic2")),
-    Step("potential", dyn.potential_energy, ("m1", "at1", "m2", "at2", "gravity")),
+    Step("potential", dyn.potential_energy, ("m1", "R_centre1", "m2", "R_centre2", "gravity")),
     Step("linear", dyn.linear_momentum, ("m1", "v_centre1", "m2", "v_centre2")),
-    Step("angular1", dyn.angular_momentum, ("m1", "at1", "v_centre1", "J1", "omega1")),
-    Step("angular2", dyn.angular_momentum, ("m2", "at2", "v_centre2", "J2", "omega2")),
+    Step("angular1", dyn.angular_momentum, ("m1", "R_centre1", "v_centre1", "J1", "omega1")),
+    Step("angular2", dyn.angular_momentum, ("m2", "R_centre2", "v_centre2", "J2", "omega2")),
     Step("angular", eq.add, ("angular1", "angular2")),
 )
 """Steps to energy and momentum (D7, D8)."""
@@ -74,7 +78,7 @@ _ENERGIES = (
 MASS_STEPS = (
     *_LEVERS,
     *_INVERSE,
-    Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "push", "about_R1")),
+    Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "partial_velocity2", "inertia_about_R1")),
     *_ENERGIES,
 )
 """All steps from a known motion: its forces, the mass matrix, energy and momentum."""
@@ -89,48 +93,48 @@ MOVES = ("a1", "alpha1", "psidd")
 """Names of the outputs of forward dynamics."""
 
 _LOADED = (
-    Step("pushed", eq.add, ("force1", "force2")),
-    Step("force", eq.subtract, ("pushed", "force1_bias")),
+    Step("total_force", eq.add, ("force1", "force2")),
+    Step("force", eq.subtract, ("total_force", "force1_bias")),
     Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
-    Step("turned", eq.add, ("torque1", "torque2_about1")),
-    Step("torque", eq.subtract, ("turned", "torque1_bias")),
+    Step("total_torque", eq.add, ("torque1", "torque2_about1")),
+    Step("torque", eq.subtract, ("total_torque", "torque1_bias")),
     Step("torque2_at_hinge", dyn.hinge_torque_of, ("axis", "torque2", "r2", "force2")),
-    Step("acting", operator.add, ("hinge_torque", "torque2_at_hinge")),
-    Step("motor", operator.sub, ("acting", "hinge_torque_bias")),
+    Step("total_hinge_torque", operator.add, ("hinge_torque", "torque2_at_hinge")),
+    Step("net_hinge_torque", operator.sub, ("total_hinge_torque", "hinge_torque_bias")),
 )
 """Steps to the loads less the forces of a motion without accelerations."""
 
 _POINTS = {
-    "free": (Step("point", same, ("centre",)), Step("about", same, ("about_centre",))),
-    "pinned": (Step("point", _nothing, ()), Step("about", same, ("about_R1",))),
-    "carried": (Step("about", dyn.resistance, ("J2", "J2", "axis", "push", "m2", "e")),),
+    "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
+    "pinned": (Step("point", _nothing, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
+    "carried": (Step("inertia_about_point", dyn.resistance, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
 }
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
 _TURNING = (
-    Step("solved", dyn.turning, ("about", "J2", "torque_there", "motor_there")),
-    Step("alpha1", operator.itemgetter(0), ("solved",)),
-    Step("psidd", operator.itemgetter(1), ("solved",)),
-    Step("kept", operator.itemgetter(2), ("solved",)),
+    Step("solution", dyn.turning, ("inertia_about_point", "J2", "torque_at_point", "hinge_torque_at_point")),
+    Step("alpha1", operator.itemgetter(0), ("solution",)),
+    Step("psidd", operator.itemgetter(1), ("solution",)),
+    Step("pivot_ratios", operator.itemgetter(2), ("solution",)),
 )
 _SOLVED = {
     "free": (
-        Step("torque_there", dyn.torque_from, ("torque", "centre", "force")),
-        Step("motor_there", lambda motor, share, push, force: motor - share * eq.dot(push, force),
-             ("motor", "share", "push", "force")),
+        Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
+        Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
+             ("net_hinge_torque", "mass_fraction2", "partial_velocity2", "force")),
         *_TURNING,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
-        Step("drift", operator.mul, ("share", "psidd")),
-        Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "push", "drift")),
+        Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
+        Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
     ),
     "pinned": (
-        Step("torque_there", same, ("torque",)),
-        Step("motor_there", same, ("motor",)),
+        Step("torque_at_point", same, ("torque",)),
+        Step("hinge_torque_at_point", same, ("net_hinge_torque",)),
         *_TURNING,
         Step("a1", same, ("none",)),
     ),
-    "carried": (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),),
+    "carried": (Step("psidd", lambda torque, J: torque / J[2], ("net_hinge_torque", "inertia_about_point")),),
 }  # fmt: skip
 """Steps to the accelerations, by the base."""
 # The accelerations that are solved for, by the base.

@@ -69,7 +69,7 @@ _SHAPES: Final[dict[str, Tail]] = {
     **dict.fromkeys(("c1", "c2", "gravity", "force1", "torque1", "force2", "torque2"), (3,)),
     **dict.fromkeys(("f2", "moment", "bearing_torque", "linear", "angular"), (3,)),
     **dict.fromkeys(("home", "I1", "I2"), (9,)),
-    "kept": (4,),
+    "pivot_ratios": (4,),
     "mass_matrix": (7, 7),
     **dict.fromkeys(("attitude1_check", "attitude2_check"), ()),
     **dict.fromkeys(("state", "state_rates"), (14,)),
