@@ -207,8 +207,8 @@ SHARED_NAMES = {
     # one quantity, of a hinge and of a circle, or in a finding and in the command that prints it
     *("_MAX_ACROSS_COMPONENT", "_MAX_AXIS_STD", "_MAX_CORRELATION", "_MAX_POINT_STD", "_MAX_RANKING_SAMPLES"),
     *("_MAX_FIRST_SAMPLES", "_MEDIANS", "_MIN_CERTAIN_OFFSET", "_MIN_NOISE_SHARE", "_OUTLIER_SIZE"),
-    # one function, of results and of sweeps, of JSON in two wings, of pairs and of mechanisms
-    *("_component_suffixes", "_finite_or_none", "_not_finite_note"),
+    # one function, of results and of sweeps, of pairs and of mechanisms
+    *("_component_suffixes", "_not_finite_note"),
 }
 """Names that stand in several modules and mean one thing in all of them."""
 

@@ -738,8 +738,8 @@ FAULTS = {
     ),
     "rounding of axis and levers dropped from the bounds": Fault(
         "pair/accuracy.py",
-        "np.spacing(np.abs(c)) / 2 + _BEYOND * size",
-        "_BEYOND * size",
+        "np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size",
+        "_ERROR_BEFORE_ROUNDING * size",
         "pair/test_error_bounds.py::test_the_rounding_of_axis_and_levers_counts",
     ),
     "components of another library's arrays side by side the other way": Fault(

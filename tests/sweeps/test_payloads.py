@@ -100,8 +100,8 @@ def chunk_of(sweep):
 def one_by_one(monkeypatch):
     """Count the variants that are computed one by one."""
     counted = []
-    plain = sweeps.Variants.compute
-    monkeypatch.setattr(sweeps.Variants, "compute", lambda self, row: counted.append(row) or plain(self, row))
+    plain = sweeps.VariantComputer.compute
+    monkeypatch.setattr(sweeps.VariantComputer, "compute", lambda self, row: counted.append(row) or plain(self, row))
     return counted
 
 

@@ -296,7 +296,10 @@ def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: An
 
 @contextmanager
 def _restrict_to_one_core() -> Iterator[None]:
-    """Restrict the process to one core (Linux only); JAX then makes one thread when it first lists its devices."""
+    """Return a context manager that restricts the process to one core (Linux only) until it exits.
+
+    JAX then makes one thread when it first lists its devices.
+    """
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -44,7 +44,7 @@ _MIN_RELATIVE_STEP_LENGTH = 1e-12
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
 NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
 """Nodes of a step from 0 to 1; shape (8,)."""
-_LEGENDRE_MATRIX: Final[Array] = np.stack(
+_COEFFICIENTS_MATRIX: Final[Array] = np.stack(
     [
         (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
         for k in range(NODE_COUNT)
@@ -53,12 +53,12 @@ _LEGENDRE_MATRIX: Final[Array] = np.stack(
 """From values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
 
 
-_INTEGRATED_LEGENDRE_MATRIX: Final[Array] = (
+_INTEGRAL_COEFFICIENTS_MATRIX: Final[Array] = (
     np.stack(
         [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
         axis=1,
     )
-    @ _LEGENDRE_MATRIX
+    @ _COEFFICIENTS_MATRIX
     / 2
 )
 """From values at the nodes to the coefficients of the Legendre series of their integral; shape (9, 8)."""
@@ -66,12 +66,12 @@ _INTEGRATED_LEGENDRE_MATRIX: Final[Array] = (
 
 def integration_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRATED_LEGENDRE_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRAL_COEFFICIENTS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _LEGENDRE_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _COEFFICIENTS_MATRIX
 
 
 _NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(NODE_TIMES)
@@ -405,7 +405,7 @@ class Stepper:
         jumps = length <= max(_MIN_RELATIVE_STEP_LENGTH * self._length_scale, shortest)
         sizes = self._error_sizes(length if jumps else max(length, self._length_scale))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(self._filter_errors(_LEGENDRE_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
+        tails = np.abs(self._filter_errors(_COEFFICIENTS_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio

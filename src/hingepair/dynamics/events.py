@@ -109,7 +109,11 @@ class HingeEvents:
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event: int, t: float, state: Array) -> Array | None:
-        """Apply an event: return the state after it; None where the motion ends."""
+        """Apply an event to the branch and hold that this object keeps, and return the state after it.
+
+        Returns:
+            The state after the event, a copy; None where the motion ends.
+        """
         name, psi_index = self._names[event], self._motion.psi_index
         state = state.copy()
         if name == _USER_EVENT_NAME:

@@ -29,7 +29,7 @@ _CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a
 # Parameters of a function that stores samples into an output of any strides.
 _TARGET_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
-MEMORY_PARAMETERS: Final = {
+MEMORY_SIGNATURES: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
@@ -39,7 +39,7 @@ MEMORY_PARAMETERS: Final = {
     "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET_PARAMETERS}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
-"""Parameters in LLVM IR of each function, by its name; the functions return nothing.
+"""Parameter list (LLVM IR) of each memory function, by its name; the functions return nothing.
 
 `row` is the address of the first of eight samples, `stride` the number of bytes between samples, `step` the number of
 bytes between components, `rest` the number of remaining samples including the first of these eight.
@@ -50,7 +50,7 @@ _MEMORY_DECLARATIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i
 declare i64 @llvm.umin.i64(i64, i64)"""
 
 
-def memory_functions(number: str) -> list[str]:
+def memory_functions(float_type: str) -> list[str]:
     """Return the LLVM functions for numbers of type "double" or "float"."""
     makers = (
         _lanes_function,
@@ -62,20 +62,20 @@ def memory_functions(number: str) -> list[str]:
         _panels_function,
         _flush_function,
     )
-    return [_MEMORY_DECLARATIONS, *(make(number, 8 if number == "double" else 4) for make in makers)]
+    return [_MEMORY_DECLARATIONS, *(make(float_type, 8 if float_type == "double" else 4) for make in makers)]
 
 
-def _begin_function(name: str, number: str) -> FunctionBuilder:
+def _begin_function(name: str, float_type: str) -> FunctionBuilder:
     """Return the builder of a shared function for numbers of type "double" or "float"."""
-    return FunctionBuilder(f"void {shared_name(name, number)}({MEMORY_PARAMETERS[name]})")
+    return FunctionBuilder(f"void {shared_name(name, float_type)}({MEMORY_SIGNATURES[name]})")
 
 
-def _lanes_function(number: str, _: int) -> str:
+def _lanes_function(float_type: str, _: int) -> str:
     """Return the LLVM function `lanes`, which stores the byte offsets of the samples in lanes 1 to 7 from lane 0.
 
     Lanes behind the last sample repeat the first.
     """
-    f = _begin_function("lanes", number)
+    f = _begin_function("lanes", float_type)
     for k, offset in enumerate(_lane_offsets(f)):
         f.do(f"store i64 {offset}, ptr {f.pointer_at('%to', 8 * k)}, align 8")
     f.do("ret void")
@@ -88,10 +88,10 @@ def _lane_offsets(f: FunctionBuilder) -> list[str]:
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]
 
 
-def _gather_function(number: str, size: int) -> str:
+def _gather_function(float_type: str, size: int) -> str:
     """Return the LLVM function `gather`, which loads the components in `which` of eight samples into vectors."""
-    f = _begin_function("gather", number)
-    vector = f"<{LANES} x {number}>"
+    f = _begin_function("gather", float_type)
+    vector = f"<{LANES} x {float_type}>"
 
     def keep(c: str, value: str) -> None:
         f.do(f"store {vector} {value}, ptr {f.pointer_at('%to', f.multiply(c, LANES * size))}, align {LANES * size}")
@@ -100,39 +100,39 @@ def _gather_function(number: str, size: int) -> str:
     with f.when_else(equal) as otherwise:
         with f.loop("%count") as c:
             offset = f.multiply(f.load_entry("%which", c), "%step")
-            one = f.put(f"load {number}, ptr {f.pointer_at('%row', offset)}, align 1")
-            keep(c, f.splat(vector, f"{number} {one}"))
+            one = f.put(f"load {float_type}, ptr {f.pointer_at('%row', offset)}, align 1")
+            keep(c, f.splat(vector, f"{float_type} {one}"))
         otherwise()
         samples = ["%row", *(f.pointer_at("%row", offset) for offset in _lane_offsets(f))]
         with f.loop("%count") as c:
             offset, value = f.multiply(f.load_entry("%which", c), "%step"), "poison"
             for k, sample in enumerate(samples):
-                one = f.put(f"load {number}, ptr {f.pointer_at(sample, offset)}, align 1")
-                value = f.put(f"insertelement {vector} {value}, {number} {one}, i32 {k}")
+                one = f.put(f"load {float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
+                value = f.put(f"insertelement {vector} {value}, {float_type} {one}, i32 {k}")
             keep(c, value)
     f.do("ret void")
     return f.text()
 
 
-def _numbers_function(number: str, size: int) -> str:
+def _numbers_function(float_type: str, size: int) -> str:
     """Return the LLVM function `numbers`, which copies the components in `which` of a sample into an array."""
-    f = _begin_function("numbers", number)
+    f = _begin_function("numbers", float_type)
     with f.loop("%count") as c:
         source = f.pointer_at("%row", f.multiply(f.load_entry("%which", c), "%step"))
-        one = f.put(f"load {number}, ptr {source}, align 1")
-        f.do(f"store {number} {one}, ptr {f.pointer_at('%to', f.multiply(c, size))}, align {size}")
+        one = f.put(f"load {float_type}, ptr {source}, align 1")
+        f.do(f"store {float_type} {one}, ptr {f.pointer_at('%to', f.multiply(c, size))}, align {size}")
     f.do("ret void")
     return f.text()
 
 
-def _columns_function(number: str, size: int) -> str:
+def _columns_function(float_type: str, size: int) -> str:
     """Return the LLVM function `columns`, which loads eight contiguous rows, of eight or more components, as vectors.
 
     Eight components are transposed at a time; the last eight overlap those before them where the count is no
     multiple of eight.
     """
-    f = _begin_function("columns", number)
-    vector = f"<{LANES} x {number}>"
+    f = _begin_function("columns", float_type)
+    vector = f"<{LANES} x {float_type}>"
     last = f.put(f"sub i64 %count, {LANES}")
     with f.loop("%count", step=str(LANES)) as c:
         first = f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})")
@@ -152,28 +152,28 @@ def _columns_function(number: str, size: int) -> str:
     return f.text()
 
 
-def _scatter_function(number: str, size: int) -> str:
+def _scatter_function(float_type: str, size: int) -> str:
     """Return the LLVM function `scatter`, which copies contiguous rows to an output of any strides."""
-    f = _begin_function("scatter", number)
+    f = _begin_function("scatter", float_type)
     with f.loop(f.put(f"call i64 @llvm.umin.i64(i64 %rest, i64 {LANES})")) as r:
         target = f.pointer_at("%to", f.multiply(r, "%stride"))
         source = f.pointer_at("%from", f.multiply(f.multiply(r, "%count"), size))
         with f.loop("%count") as c:
-            one = f.put(f"load {number}, ptr {f.pointer_at(source, f.multiply(c, size))}, align {size}")
-            f.do(f"store {number} {one}, ptr {f.pointer_at(target, f.multiply(c, '%step'))}, align 1")
+            one = f.put(f"load {float_type}, ptr {f.pointer_at(source, f.multiply(c, size))}, align {size}")
+            f.do(f"store {float_type} {one}, ptr {f.pointer_at(target, f.multiply(c, '%step'))}, align 1")
     f.do("ret void")
     return f.text()
 
 
-def _rows_function(number: str, size: int) -> str:
+def _rows_function(float_type: str, size: int) -> str:
     """Return the LLVM function `rows`, which stores eight rows, of eight or more components, `pitch` bytes apart.
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
     the frame. The first offset of a tile of one constant has its bits flipped; where `filled`, the rows hold such
     constants already. The last tile overlaps the one before it where the count is no multiple of eight.
     """
-    f = _begin_function("rows", number)
-    vector = f"<{LANES} x {number}>"
+    f = _begin_function("rows", float_type)
+    vector = f"<{LANES} x {float_type}>"
     last = f.put(f"sub i64 %count, {LANES}")
     with f.loop("%count", step=str(LANES)) as c:
         target = f.pointer_at("%to", f.multiply(f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})"), size))
@@ -195,9 +195,9 @@ def _rows_function(number: str, size: int) -> str:
     return f.text()
 
 
-def _panels_function(number: str, size: int) -> str:
+def _panels_function(float_type: str, size: int) -> str:
     """Return the LLVM function `panels`, which scatters very wide rows by panels; the last may be twice as wide."""
-    f = _begin_function("panels", number)
+    f = _begin_function("panels", float_type)
     with f.loop(f.put(f"sub i64 %count, {PANEL_COMPONENTS - 1}"), step=str(PANEL_COMPONENTS)) as c:
         left = f.put(f"sub i64 %count, {c}")
         count = f.put(
@@ -205,20 +205,20 @@ def _panels_function(number: str, size: int) -> str:
         )
         tiles, to = f.pointer_at("%tiles", f.multiply(c, 4)), f.pointer_at("%to", f.multiply(c, "%step"))
         stage = f"ptr %stage, i64 {f.multiply(count, size)}"
-        f.do(f"call void {shared_name('rows', number)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
+        f.do(f"call void {shared_name('rows', float_type)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
         target = f"ptr {to}, i64 %stride, i64 %step, i64 %rest"
-        f.do(f"call void {shared_name('scatter', number)}(ptr %stage, i64 {count}, {target})")
+        f.do(f"call void {shared_name('scatter', float_type)}(ptr %stage, i64 {count}, {target})")
     f.do("ret void")
     return f.text()
 
 
-def _flush_function(number: str, size: int) -> str:
+def _flush_function(float_type: str, size: int) -> str:
     """Return the LLVM function `flush`, which streams a block of `bytes` bytes from its stage to the address `at`.
 
     Whole cache lines are written; the rest of the block is copied in front of the stage, or written number by number
     if the block is the last one. The output begins at the address `first`.
     """
-    f = _begin_function("flush", number)
+    f = _begin_function("flush", float_type)
     off = f.put(f"and i64 %at, {CACHE_LINE_BYTES - 1}")
     line, stop = f.put(f"sub i64 %at, {off}"), f.put("add i64 %at, %bytes")
     whole = f.put(f"and i64 {stop}, -{CACHE_LINE_BYTES}")
@@ -226,8 +226,8 @@ def _flush_function(number: str, size: int) -> str:
 
     def copy_numbers(start: str, end: str) -> None:
         with f.loop(f.put(f"sub i64 {end}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(size)) as b:
-            one = f.put(f"load {number}, ptr {f.pointer_at('%stage', b)}, align {size}")
-            f.do(f"store {number} {one}, ptr {f.pointer_at(to, b)}, align {size}")
+            one = f.put(f"load {float_type}, ptr {f.pointer_at('%stage', b)}, align {size}")
+            f.do(f"store {float_type} {one}, ptr {f.pointer_at(to, b)}, align {size}")
 
     cut = f.put(f"icmp slt i64 {line}, %first")
     behind = f.put(f"add i64 {line}, {CACHE_LINE_BYTES}")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from hingepair.engine.llvm_builder import shared_name
-from hingepair.engine.llvm_memory import MEMORY_PARAMETERS, memory_functions
-from hingepair.engine.llvm_sines import SINE_PARAMETERS, sine_functions
+from hingepair.engine.llvm_memory import MEMORY_SIGNATURES, memory_functions
+from hingepair.engine.llvm_sines import SINE_SIGNATURES, sine_functions
 
-_FUNCTION_PARAMETERS: Final = {**MEMORY_PARAMETERS, **SINE_PARAMETERS}
-"""Parameters in LLVM IR of each shared function, by its name."""
+_FUNCTION_SIGNATURES: Final = {**MEMORY_SIGNATURES, **SINE_SIGNATURES}
+"""Parameter list (LLVM IR) of each shared function, by its name."""
 
 
 def shared_ir(number: str) -> str:
@@ -19,11 +19,11 @@ def shared_ir(number: str) -> str:
 
 def shared_symbols(number: str) -> list[str]:
     """Return the linker symbols of the shared functions for numbers of type "double" or "float"."""
-    return [shared_name(name, number)[1:] for name in _FUNCTION_PARAMETERS]
+    return [shared_name(name, number)[1:] for name in _FUNCTION_SIGNATURES]
 
 
 def declarations(number: str) -> list[str]:
     """Return the lines of LLVM IR by which a kernel declares the shared functions."""
     return [
-        f"declare void {shared_name(name, number)}({parameters})" for name, parameters in _FUNCTION_PARAMETERS.items()
+        f"declare void {shared_name(name, number)}({parameters})" for name, parameters in _FUNCTION_SIGNATURES.items()
     ]

@@ -38,8 +38,8 @@ _SINE_CONSTANTS: Final = (
 """All constants of the generated sines, in the order of their table in memory."""
 
 
-SINE_PARAMETERS: Final = {"sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"}
-"""Parameters in LLVM IR of each function that kernels call, by its name."""
+SINE_SIGNATURES: Final = {"sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"}
+"""Parameter list (LLVM IR) of each sine function that kernels call, by its name."""
 
 
 def sine_functions(number: str) -> list[str]:
@@ -75,7 +75,7 @@ def _sines_function(number: str) -> str:
     """
     size = 8 if number == "double" else 4
     vector = f"<{LANES} x {number}>"
-    f = FunctionBuilder(f"void {shared_name('sines', number)}({SINE_PARAMETERS['sines']})")
+    f = FunctionBuilder(f"void {shared_name('sines', number)}({SINE_SIGNATURES['sines']})")
     scratch = f.put(f"alloca [4 x {DOUBLE_VECTOR}], align 64")
     f.do("%constants = load ptr, ptr @constants.address, align 8")
     with f.loop("%count") as k:

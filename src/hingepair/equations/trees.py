@@ -89,7 +89,7 @@ class Base(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Pose of a joint's body in its parent: Q and r in the parent's axes; turn is None for a slider."""
+    """Rotation S and position r of a joint's body in its parent's axes; turn (sin q, cos q) is None of a slider."""
 
     S: Matrix
     turn: Turn | None

@@ -99,9 +99,9 @@ def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array)
 def _runge_kutta_loop(body: bool) -> Loop:
     """Return the loop of classical Runge-Kutta steps from omega at start, middle and end; NaN near gimbal lock."""
 
-    def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the Euler angles after one step."""
-        phi, w, h = v["phi"], v["omega"], v["h"]
+    def step(values: dict[str, Any]) -> dict[str, Any]:
+        """Return the angles phi after a step from phi before it, omega at start, middle and end, and length h."""
+        phi, w, h = values["phi"], values["omega"], values["h"]
         a = _euler_rates(phi, w[:3], h, body)
         b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, body)
         c = _euler_rates(eq.add(phi, eq.scale(b, 0.5 * h)), w[3:6], h, body)

@@ -39,7 +39,7 @@ _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
 class SolveOptions(NamedTuple):
-    """Options that are passed from `integrate` to the solvers."""
+    """Options of a solver: instants, method, tolerance [rad], execution, axes of omega, names of the rates."""
 
     t: Array  # instants [s]
     method: str  # one of METHODS; in the plane, of RULES

@@ -207,7 +207,10 @@ class _PieceErrors:
 
 
 def _assemble_steps(integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces) -> SelectedSteps:
-    """Return the pieces as steps; intervals that were not measured are divided like their neighbours."""
+    """Return the steps with the errors [rad] measured on them.
+
+    Pieces become steps; intervals that were not measured are divided like their neighbours.
+    """
     t, count = measured.t, len(measured.t) - 1
     steps = Steps(t)
     if not len(measured.steps) == len(pieces.start) == count:

@@ -229,9 +229,9 @@ class HingeFit(Shown):
             "loss": self.loss,
             "gauge": self.gauge,
             **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
-            "std": {name: _finite_or_none(value.tolist()) for name, value in self.std.items()},
+            "std": {name: _finite_lists(value.tolist()) for name, value in self.std.items()},
             **{
-                name: _finite_or_none(getattr(self, name))
+                name: _finite_lists(getattr(self, name))
                 for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
             },
             "clock_offset": self.clock_offset,
@@ -338,7 +338,7 @@ def fit(
         texts += causes(Poses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2))))
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
-    texts += _missing(used, clock)
+    texts += _sentences_on_missing(used, clock)
     if poses.samples < _FEW_SAMPLES:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
@@ -405,7 +405,7 @@ def _fit_of_point(
     texts = [finding.text for finding in fitted.findings]
     if clock is not None and abs(fitted.offset) > _MIN_CERTAIN_OFFSET * fitted.offset_std > 0:
         texts += clock.offset_suspicions(fitted.offset)
-    texts += _missing(used, clock)
+    texts += _sentences_on_missing(used, clock)
     if samples.t is not None:
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.linalg.norm(poses.p, axis=0))
@@ -461,8 +461,8 @@ def _overlapping(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
     return there
 
 
-def _missing(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a sentence on the samples that were not used."""
+def _sentences_on_missing(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
+    """Return a list with one sentence on the samples that were not used; empty if all were."""
     if used.all():
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
@@ -549,10 +549,10 @@ def _zero_by_hinge(poses: RelativePoses, hinge: Hinge) -> Float64Array:
     return np.array(changes)
 
 
-def _finite_or_none(value: Any) -> Any:
-    """Return a number for JSON, or a list of such; None in place of one that is not finite."""
+def _finite_lists(value: Any) -> Any:
+    """Return a number, or nested lists of numbers, for JSON: None in place of one that is not finite."""
     if isinstance(value, list):
-        return [_finite_or_none(one) for one in value]
+        return [_finite_lists(one) for one in value]
     return value if np.isfinite(value) else None
 
 

@@ -115,7 +115,7 @@ def fit_angle(
         at_hinge = force[used] + acceleration_matrices(*smooth.values[:2, used]) @ lever
         seen.append([vector @ frame(axis) for vector in (omega[used], at_hinge)])
     rate = seen[1][0][:, 2] - seen[0][0][:, 2]
-    (turning, rate_noise), (pulling, _) = (_directions(*both) for both in zip(*seen, strict=True))
+    (turning, rate_noise), (pulling, _) = (_angles_seen(*both) for both in zip(*seen, strict=True))
     angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
     starts = np.cumsum([piece.size for piece in where])[:-1]
     found = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
@@ -148,8 +148,8 @@ def fit_angle(
     )
 
 
-class _Smoothed(NamedTuple):
-    """The most likely angle from body 1's `frame` to that of body 2."""
+class _AngleEstimate(NamedTuple):
+    """The most likely angle from body 1's `frame` to that of body 2, the drift of its rate, and scatters."""
 
     psi: Float64Array  # [rad]; (N,)
     std: Float64Array  # (N,)
@@ -159,16 +159,16 @@ class _Smoothed(NamedTuple):
     excess: float  # scatter of the directions, in parts of what their noise explains
 
 
-def _directions(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
-    """Return the angles between vectors that are one across the axis, their variances, and the noise of a rate.
+def _angles_seen(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
+    """Return the angles by which both bodies see one vector across the axis, their variances, and the sensors' noise.
 
     Args:
         first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).
         second: as body 2 sees it.
 
     Returns:
-        Angles [rad] and variances, inf where a vector is too short, (N,) each; and the standard deviation of the
-        difference of both sensors' readings of a component.
+        ((angles, variances), noise): angles [rad] and variances [rad^2], inf where a vector is too short, shape (N,)
+        each; noise, the standard deviation of the difference of both sensors' readings of a component.
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
     sizes = np.abs(a), np.abs(b)
@@ -188,8 +188,8 @@ def _most_likely_angle(
     variances: Float64Array,
     bias: float,
     starts: NDArray[np.intp],
-) -> _Smoothed:
-    """Return the most likely angle for rates (N,) and angles (k, N), with a constant bias of the rate.
+) -> _AngleEstimate:
+    """Compute the most likely angle for rates (N,) and angles (k, N), with a constant bias of the rate.
 
     Args:
         t: instants [s]; (N,).
@@ -225,7 +225,7 @@ def _most_likely_angle(
     psi, std, (drift, drift_std) = _solved(dt, turned, links, weights / scale, near, bias)
     seen = variances[np.isfinite(variances)]
     noise = float(np.sqrt(np.median(seen))) if seen.size else np.inf
-    return _Smoothed(psi, std, drift, drift_std, noise, excess)
+    return _AngleEstimate(psi, std, drift, drift_std, noise, excess)
 
 
 def _unwrapped_start(turned: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:

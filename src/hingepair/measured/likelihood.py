@@ -38,7 +38,7 @@ _MAX_COMPONENT_SAMPLES, _MAX_SCORING_STEPS = 4096, 25  # of the variance compone
 _MIN_VARIANCE_SHARE = 1e-3  # of the variance of a gap that is taken for noise of positions, at least
 _OFFSET_RATE = 5.0  # [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged
 _ROUNDING_OFFSET = 1e-12  # [s]
-_MEDIAN_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
+_MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
 _RESIDUAL_BLOCK_SIZE = 2048  # samples, that fit the caches
 _MAX_FIRST_SAMPLES = 16384  # samples that the first steps are taken with
 _MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
@@ -312,7 +312,12 @@ def noise_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Los
     """Return the standard deviations of noise_position and noise_angle by name."""
     thin = poses.thinned(_MAX_COMPONENT_SAMPLES)
     _, covariance = variance_components(thin, hinge, noise, noise, steps=0)
-    variances = np.diagonal(covariance) * thin.samples / poses.samples / (1.0 if loss is None else _MEDIAN_EFFICIENCY)
+    variances = (
+        np.diagonal(covariance)
+        * thin.samples
+        / poses.samples
+        / (1.0 if loss is None else _MEDIAN_VARIANCE_EFFICIENCY)
+    )
     std = np.sqrt(variances) / (2 * np.sqrt(np.array(noise[:2])))
     return dict(zip(("noise_position", "noise_angle"), std, strict=True))
 

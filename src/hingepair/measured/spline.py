@@ -39,7 +39,7 @@ from hingepair.numeric.arrays import Float64Array
 FEWEST = 8
 """Samples of a piece that is smoothed."""
 _DEGREE = 7  # of the B-splines
-_PENALTY = 5  # order of the derivative whose square is penalised
+_PENALTY_ORDER = 5  # of the derivative whose square is penalised
 _KNOTS = 4.0  # in a period of the bandwidth
 _COUNTED = 1.4  # how often generalised cross validation counts each degree of freedom
 _WIDER = 1.1
@@ -52,7 +52,7 @@ _MIN_SPECTRUM = 128  # samples of a piece whose spectrum is taken
 _TAPER = (0.35875, -0.48829, 0.14128, -0.01168)  # Blackman and Harris's: little of slow motion leaks into fast noise
 _TAPERED_SHARE = 0.5  # of the terms of a tapered spectrum that are independent
 _MAX_WINSORISED_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
-_MAX_CORRELATED_STEP = 1.5  # of the usual step, over which neighbours' noise is correlated
+_MAX_CORRELATED_STEP_RATIO = 1.5  # in median steps, over which neighbours' noise is correlated
 _REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
 _ZERO_WEIGHT_SIZE = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
 _LOSS_SCALES = {1: 3.84, 3: 7.81}  # squares, in variances, at which losses bend: 95 % of good samples are below
@@ -221,7 +221,7 @@ def _of_least_cross_validation(
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Return the parts of a piece without holes, since a spectrum supposes even steps."""
     steps = np.diff(t[piece])
-    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_STEP * np.median(steps)) + 1)
+    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_STEP_RATIO * np.median(steps)) + 1)
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
@@ -249,7 +249,7 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         return 0.0
     power = np.maximum(power / power.max(), 1e-300)
     corners = np.exp(np.arange(np.log(f.min()), np.log(0.4), np.log(2) / 4))
-    motion = (corners[:, None] / f) ** (2 * _PENALTY)
+    motion = (corners[:, None] / f) ** (2 * _PENALTY_ORDER)
     cosine = np.cos(2 * np.pi * f)
     costs = []
     for correlation in _CORRELATIONS:
@@ -296,7 +296,7 @@ class Spline:
             bands += _MORE_BANDS
         self.normal = rows.T @ rows
         penalty = np.concatenate([_penalty(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
-        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALTY) / step
+        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALTY_ORDER) / step
         weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
         matrix = np.zeros((bands + 1, penalty.shape[1]))
         matrix[bands - _DEGREE :] = weight * penalty
@@ -378,7 +378,9 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         between[start + 1 : start + time.size] = np.diff(time)
         start += time.size
     with np.errstate(divide="ignore"):
-        alike = np.where(between > _MAX_CORRELATED_STEP * step, 0.0, correlation ** np.minimum(between / step, 1e3))
+        alike = np.where(
+            between > _MAX_CORRELATED_STEP_RATIO * step, 0.0, correlation ** np.minimum(between / step, 1e3)
+        )
     own = 1 / np.sqrt(1 - alike**2)
     return diags_array([own * scale, (-alike * own)[1:] * scale[:-1]], offsets=[0, -1], format="csr")
 
@@ -435,10 +437,10 @@ def _penalty(intervals: int, width: float) -> Float64Array:
     """Return the integrals of products of fifth derivatives of B-splines, upper bands."""
     from scipy.interpolate import BSpline
 
-    nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY + 1)
-    bend = BSpline.basis_element(np.arange(_DEGREE + 2.0)).derivative(_PENALTY)
+    nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY_ORDER + 1)
+    bend = BSpline.basis_element(np.arange(_DEGREE + 2.0)).derivative(_PENALTY_ORDER)
     bends = bend((nodes + 1) / 2 + np.arange(_DEGREE, -1, -1)[:, None])
-    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALTY)
+    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALTY_ORDER)
     bands = np.zeros((_DEGREE + 1, intervals + _DEGREE))
     for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
         bands[_DEGREE - (j - i), j : j + intervals] += products[i, j]

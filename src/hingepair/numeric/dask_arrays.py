@@ -96,12 +96,13 @@ def over_chunks(
     method: Callable[..., Returned],
     arguments: Mapping[str, Any],
     tails: Tails,
-    columns: Callable[[str, Any], Sequence[str]] | None = None,
+    column_names_of: Callable[[str, Any], Sequence[str]] | None = None,
 ) -> Returned:
-    """Return what a method gives for Dask arrays: its kind of result, of Dask arrays. Nothing is computed.
+    """Return the results of a method for Dask arrays as lazy Dask arrays, to be computed chunk by chunk.
 
-    The method runs on one made-up sample, which shows what it returns and refuses what it cannot use, and then in
-    each chunk, as one task. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
+    The result is of the method's own kind. The method runs on one made-up sample, which shows what it returns and
+    refuses what it cannot use, and then in each chunk, as one task. Axes of samples may be chunked in any way;
+    the axes of one sample are made one chunk.
 
     Args:
         method: a function, or a method of something that can be pickled; takes the arguments by name.
@@ -109,7 +110,7 @@ def over_chunks(
             values with attributes that are such.
         tails: shape of one sample by argument; those not named are options, the same for all chunks. In a tuple or a
             mapping the first axis of the sample is that of its parts.
-        columns: the names of the columns to take, in order, from the argument's name and an empty table.
+        column_names_of: function of the argument's name and an empty table; returns the columns to take, in order.
 
     Raises:
         ArgumentError: what the method refuses, `out` that is not None, or arrays that do not broadcast.
@@ -119,7 +120,7 @@ def over_chunks(
         raise ArgumentError("out", "None, since Dask makes its own arrays", quoted(options["out"]))
     leaves: list[_Leaf] = []
     skeleton = {
-        name: _skeleton(name, value, tails[name], leaves, columns)
+        name: _skeleton(name, value, tails[name], leaves, column_names_of)
         for name, value in arguments.items()
         if name in tails
     }
@@ -138,22 +139,24 @@ def over_chunks(
 
 
 def _skeleton(
-    name: str, value: Any, tail: Any, leaves: list[_Leaf], columns: Callable[[str, Any], Sequence[str]] | None
+    name: str, value: Any, tail: Any, leaves: list[_Leaf], column_names_of: Callable[[str, Any], Sequence[str]] | None
 ) -> Any:
     """Return an argument with its arrays replaced by their places among the leaves."""
     value = lazy_data(value)
     if isinstance(value, Frozen):
         own = {one.name: getattr(value, one.name) for one in fields(value) if one.name in tail}  # type: ignore[arg-type]
-        parts = {key: _skeleton(f"{name}.{key}", part, tail[key], leaves, columns) for key, part in own.items()}
+        parts = {
+            key: _skeleton(f"{name}.{key}", part, tail[key], leaves, column_names_of) for key, part in own.items()
+        }
         return _Attributes(type(value), parts)
     if isinstance(value, Mapping):
-        return {key: _skeleton(f"{name}[{key!r}]", v, tail[1:], leaves, columns) for key, v in value.items()}
+        return {key: _skeleton(f"{name}[{key!r}]", v, tail[1:], leaves, column_names_of) for key, v in value.items()}
     if isinstance(value, tuple) and _holds_dask(value):
-        return tuple(_skeleton(f"{name}[{i}]", v, tail[1:], leaves, columns) for i, v in enumerate(value))
+        return tuple(_skeleton(f"{name}[{i}]", v, tail[1:], leaves, column_names_of) for i, v in enumerate(value))
     if _is_table(value):
-        if columns is None:
+        if column_names_of is None:
             raise ArgumentError(name, "a Dask array, since a table has no meaning here", quoted(type(value).__name__))
-        value = value[list(columns(name, value._meta))].to_dask_array()
+        value = value[list(column_names_of(name, value._meta))].to_dask_array()
     if _is_array(value):
         array = _check_dask_array(name, value, tail)
     elif value is None or isinstance(value, str | bool | int | float) or np.ndim(value) <= len(tail):

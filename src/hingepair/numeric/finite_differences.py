@@ -68,12 +68,12 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
         yield _stencil_weights(t, rows, np.broadcast_to(first + np.arange(wide), (half, wide)), order)
 
 
-def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencil:
-    """Return the weights by which values at the neighbours of some rows give first and second derivatives."""
+def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
+    """Return rows and neighbours with the weights of the first and second derivative; shape (rows, neighbours)."""
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
-    first, second = _weights(x) if x.shape[1] == order + 1 else _nearest_weights(x, order)
+    first, second = _weights(x) if x.shape[1] == accuracy_order + 1 else _least_squares_weights(x, accuracy_order)
     return rows, neighbours, first / step, second / step / step
 
 
@@ -96,8 +96,16 @@ def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
     return np.stack([w[1] for w in found], axis=-1), np.stack([w[2] for w in found], axis=-1)
 
 
-def _nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """Return weights of least-squares polynomials through values at increasing nodes; shape (rows, m)."""
+def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
+    """Return the weights of the first and second derivative at 0 of least-squares polynomials.
+
+    Args:
+        x: increasing nodes at which the values are given; shape (rows, m).
+        degree: of the polynomials.
+
+    Returns:
+        The weights of the values in the first and in the second derivative; shape (rows, m) each.
+    """
     from numpy.polynomial.legendre import legder, legval, legvander
 
     slopes = legder(np.eye(degree + 1))
@@ -133,8 +141,8 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
     return first, second
 
 
-_FIT_DEGREE = 5  # of the polynomial that samples are judged by; higher ones follow more of the noise
-_FIT_SAMPLES = _FIT_DEGREE + 2  # one degree of freedom is left
+_NOISE_FIT_DEGREE = 5  # of the polynomial that samples are judged by; higher ones follow more of the noise
+_NOISE_FIT_SAMPLES = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
 
 
 def local_fit_residuals(
@@ -159,11 +167,11 @@ def local_fit_residuals(
     >>> float(np.sqrt(np.mean(local_fit_residuals(t, np.sin(3 * t)[:, None] + noise) ** 2)).round(4))
     0.003
     """
-    middle = _FIT_SAMPLES // 2
-    neighbours = np.arange(max(t.size - _FIT_SAMPLES + 1, 0))[:, None] + np.arange(_FIT_SAMPLES)
+    middle = _NOISE_FIT_SAMPLES // 2
+    neighbours = np.arange(max(t.size - _NOISE_FIT_SAMPLES + 1, 0))[:, None] + np.arange(_NOISE_FIT_SAMPLES)
     x = t[neighbours] - t[neighbours[:, middle], None]
     gaps = (x[:, :, None] - x[:, None, :]) / (x[:, -1:] - x[:, :1])[..., None]
-    gaps[:, range(_FIT_SAMPLES), range(_FIT_SAMPLES)] = 1.0
+    gaps[:, range(_NOISE_FIT_SAMPLES), range(_NOISE_FIT_SAMPLES)] = 1.0
     weights = 1 / gaps.prod(axis=-1)  # of the divided difference, which no polynomial of the degree has
     weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
     samples, references = values[neighbours], values[neighbours[:, middle]][:, None]

@@ -97,15 +97,15 @@ def json_text(report: Any) -> str:
     """
     import json
 
-    return json.dumps(_finite_or_none(report), indent=2, allow_nan=False)
+    return json.dumps(_json_values(report), indent=2, allow_nan=False)
 
 
-def _finite_or_none(value: Any) -> Any:
-    """Return a copy of nested values in which numbers that are not finite are None."""
+def _json_values(value: Any) -> Any:
+    """Return a report of nested mappings and lists for JSON: None in place of each float that is not finite."""
     if isinstance(value, Mapping):
-        return {key: _finite_or_none(item) for key, item in value.items()}
+        return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite_or_none(item) for item in value]
+        return [_json_values(item) for item in value]
     return finite_or_none(value) if isinstance(value, float) else value
 
 

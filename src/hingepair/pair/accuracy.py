@@ -229,8 +229,8 @@ def _largest_size(value: ArrayLike) -> Float64Array:
 
 Bounds = dict[str, NDArray[np.float64]]
 
-_BEYOND = 2.0**-90
-"""What the axis and the levers may be off beyond their last rounding, in units of what they are made of."""
+_ERROR_BEFORE_ROUNDING = 2.0**-90
+"""Largest error of the axis and the levers before their last rounding, relative to the size of their inputs."""
 
 # The levers that each constant of a pair was computed of, which carry its errors.
 _LEVERS_OF_CONSTANTS = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_cos": ("u2",), "lever_sin": ("u2",)}
@@ -294,7 +294,9 @@ def _bounded_inputs(group: Any, made_of: tuple[str, ...], numbers: Named, kind: 
     if not made_of:
         return tuple(kind.rounded(c) for c in group)
     size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in made_of)
-    return tuple(kind.rounded(c, np.spacing(np.abs(c)) / 2 + _BEYOND * size + Double.smallest) for c in group)
+    return tuple(
+        kind.rounded(c, np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size + Double.smallest) for c in group
+    )
 
 
 def _largest(group: Any) -> Any:

@@ -158,14 +158,14 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
     """Read the functions of t of some keys: numbers, expressions, way points."""
-    functions = FunctionsOfTime(names, tuple(_function(table, key) for key in names), table)
+    functions = FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
     with table.naming():
         functions.compiled()
     return functions
 
 
-def _function(table: Table, key: str) -> Expr | WayPoints:
-    """Return a coordinate of the table as an expression in t, or as way points."""
+def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
+    """Read a coordinate of the table: an expression in t, or way points."""
     match table.values.get(key):
         case str() as text:
             with table.naming(key):

@@ -21,13 +21,13 @@ from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 _OF_BODY1: Final = (("psi", "psid", "psidd"), ("R1", "v1", "a1"), ("S1", "omega1", "alpha1"))
 """A motion by that of body 1: what a log has samples of, its rate, and the rate of that."""
 
-_MAX_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
+_MAX_CONSECUTIVE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
 
 
 def noise_rows(count: int) -> slice:
     """Return the samples from which the noise of a log of so many samples is estimated: those in the middle."""
-    first = max(0, (count - _MAX_SAMPLES) // 2)
-    return slice(first, first + _MAX_SAMPLES)
+    first = max(0, (count - _MAX_CONSECUTIVE_SAMPLES) // 2)
+    return slice(first, first + _MAX_CONSECUTIVE_SAMPLES)
 
 
 def finite_rms(values: Float64Array) -> Float64Array:

@@ -159,7 +159,10 @@ class Table(Place):
         return exactly(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
 
     def rotation(self, key: str) -> list[list[float]]:
-        """Return the rotation of a key, rounded once: a matrix, or { axis, deg | rad }, { rpy_deg | rpy }."""
+        """Return the rotation of a key as three rows of three floats, as written or rounded once from exact entries.
+
+        It is written as a matrix, as { axis, deg | rad }, or as { rpy_deg | rpy }.
+        """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
         from hingepair.symbolic.kinks import constant_value

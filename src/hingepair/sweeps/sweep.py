@@ -26,7 +26,7 @@ from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGNS, design_values, read_varied
 from hingepair.sweeps.reductions import NAMES, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
-from hingepair.sweeps.variants import Variants, check_number, parse_key
+from hingepair.sweeps.variants import VariantComputer, check_number, parse_key
 
 # Keys and tables that the file of a sweep may have.
 _SWEEP_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
@@ -371,7 +371,7 @@ def compute_chunk(job: SweepTask, chunk: int, first: int, numbers: Float64Array)
 
 
 def _one_by_one(
-    variants: Variants, job: SweepTask, chunk: int, first: int, numbers: Float64Array
+    variants: VariantComputer, job: SweepTask, chunk: int, first: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
     """Yield what is kept of each variant; arguments and errors are those of `compute_chunk`."""
     for i, row in enumerate(numbers):
@@ -400,14 +400,14 @@ def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: SweepTask) -
 _LOCK = threading.Lock()  # of what the threads of a worker share
 
 
-def _variants(job: SweepTask) -> Variants:
+def _variants(job: SweepTask) -> VariantComputer:
     """Return the variants of a job, which a worker makes once."""
     with _LOCK, compile_at_first_call():
         return _made_variants(job)
 
 
 @functools.lru_cache(maxsize=4)
-def _made_variants(job: SweepTask) -> Variants:
+def _made_variants(job: SweepTask) -> VariantComputer:
     values = json.loads(job.tables)
     keys = [parse_key(Table("", "", {}, {}), key) for key in job.keys]
-    return Variants(job.path, values, keys, job.outputs)
+    return VariantComputer(job.path, values, keys, job.outputs)

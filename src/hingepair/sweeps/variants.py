@@ -94,8 +94,8 @@ def check_number(table: Table, values: Mapping[str, Any], steps: Sequence[str | 
         table.refuse("key", "the key of a number of the scene, or of an expression", repr(".".join(map(str, steps))))
 
 
-class Variants:
-    """Evaluation of a scene with varied numbers in place of its own.
+class VariantComputer:
+    """Computes the outputs of a scene for any values of some of its numbers.
 
     Args:
         path: of the scene's file.
@@ -148,8 +148,8 @@ class Variants:
         """
         scene = self._variant(row)
         if isinstance(scene, MechanismScene):
-            return _outputs_of_mechanism(scene, self._outputs)
-        return _outputs_of_pair(scene, self._outputs)
+            return _compute_mechanism_outputs(scene, self._outputs)
+        return _compute_pair_outputs(scene, self._outputs)
 
     def compute_together(self, rows: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
         """Return the instants, (samples,), and the outputs by name, (variants, samples, ...), of several variants.
@@ -211,8 +211,10 @@ def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str
     return payload or (of_joints and all(steps[0] == "joint" for steps in keys))
 
 
-def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return the instants of a pair's scene and the asked outputs, forces among them, by name."""
+def _compute_pair_outputs(
+    scene: Scene, outputs: tuple[str, ...] | None
+) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+    """Compute the instants (N,) [s] of the scene of a pair and the requested outputs, with forces, by name."""
     acting = [name for name in outputs or () if name in FORCE_OUTPUTS]
     moving = None if outputs is None else [name for name in outputs if name not in FORCE_OUTPUTS]
     known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCE_OUTPUTS)
@@ -234,7 +236,8 @@ def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Flo
     return scene.times(), found
 
 
-def _outputs_of_mechanism(
+def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+    """Compute the instants (N,) [s] of the scene of a mechanism and the requested outputs by name."""
     return scene.t, scene.evaluate(outputs).chosen()

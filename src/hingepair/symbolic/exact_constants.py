@@ -13,7 +13,7 @@ from hingepair.equations import spatial as eq
 from hingepair.symbolic.kinks import Expr
 
 # Significant digits to which a squared length is computed, to find out whether it is rational.
-_LENGTH_DIGITS: Final = 50
+_SQUARED_LENGTH_DIGITS: Final = 50
 _MAX_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
 _RATIONAL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 
@@ -87,7 +87,7 @@ def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     """
     square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
     if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
-        value = square.evalf(_LENGTH_DIGITS)
+        value = square.evalf(_SQUARED_LENGTH_DIGITS)
         near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_DENOMINATOR))
         square = near if abs(near - value) <= _RATIONAL_TOLERANCE * abs(value) else square
     length = sympy.sqrt(square)

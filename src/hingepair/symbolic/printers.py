@@ -146,7 +146,7 @@ class _SymPySource(StrPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr))
 
     def _condition_source(self, guard: Expr) -> str:
-        """Return the source of the condition that a guard is at least 0."""
+        """Return the condition that a guard is at least 0, as text for `sympy.sympify`."""
         match guard:
             case Smaller() | Larger():
                 sign = " & " if isinstance(guard, Smaller) else " | "
@@ -158,7 +158,7 @@ class _SymPySource(StrPrinter):  # type: ignore[misc]
         return f"{self._print(guard)} >= 0"
 
     def _condition_just_after(self, value: Expr, *rates: Expr) -> str:
-        """Return the source of the condition that an expression is at least 0 just after t, by its derivatives."""
+        """Return, as text for sympify, the condition that a value with these rates is at least 0 just after t."""
         shown = self._print(value)
         if not rates or (value.is_number and value != 0):
             return f"{shown} >= 0"

@@ -39,7 +39,7 @@ SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 # The attributes of URDF's inertia.
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
-_MOST_TURNS = 2**20  # quarter turns; where an angle has few digits behind the point, every one is near a multiple
+_MAX_SNAPPED_QUARTER_TURNS = 2**20  # of larger angles every one is near a multiple
 _QUARTER_TURNS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))  # sine and cosine of 0, 1, 2, 3 quarter turns
 
 
@@ -306,7 +306,10 @@ class Robot:
 
 
 def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
-    """Return what the element <origin> says: xyz [m] and rpy, fixed-axis XYZ [rad]; nothing is moved without one."""
+    """Return the rotation matrix (3, 3) and position (3,) [m] of an element <origin>; the identity without one.
+
+    Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
+    """
     xyz, rpy = (_numbers(origin, key, f"{where}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
     order = find_sequence("xyz")
     roll, pitch, yaw = order.angles(rpy)
@@ -321,7 +324,11 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     """
     turns = round(angle / (math.pi / 2))
     near = angle == float(turns * _HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
-    return _QUARTER_TURNS[turns % 4] if near and abs(turns) <= _MOST_TURNS else (math.sin(angle), math.cos(angle))
+    return (
+        _QUARTER_TURNS[turns % 4]
+        if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURNS
+        else (math.sin(angle), math.cos(angle))
+    )
 
 
 def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[Any, ...]) -> tuple[Any, ...]:

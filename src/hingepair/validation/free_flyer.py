@@ -28,8 +28,8 @@ def import_pinocchio(wanted_by: str) -> Any:
     return pinocchio
 
 
-def flyer_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return the q of a free-flyer that has the motion of body 1: R (..., 3) and S as quat_xyzw (..., 4).
+def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return body 1's pose as Pinocchio's free-flyer takes it: R (..., 3) [m] and S as quat_xyzw (..., 4).
 
     Raises:
         ArgumentError: body1 lacks R or S.
@@ -38,8 +38,8 @@ def flyer_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
     return {"R": _given(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}
 
 
-def flyer_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return the v of that free-flyer, body axes: v and omega, (..., 3) each.
+def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return body 1's v [m/s] and omega [rad/s] as Pinocchio's free-flyer takes them: in body axes, (..., 3) each.
 
     Raises:
         ArgumentError: body1 lacks S, v or omega.
@@ -48,8 +48,12 @@ def flyer_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
     return {"v": to_body(S, v), "omega": to_body(S, omega)}
 
 
-def flyer_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return the a of that free-flyer, body axes and spatial: a and alpha, (..., 3) each.
+def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return body 1's acceleration as Pinocchio's free-flyer takes it: spatial, in body axes.
+
+    Returns:
+        a [m/s^2] and alpha [rad/s^2]; shape (..., 3) each.
+
 
     Raises:
         ArgumentError: body1 lacks S, v, omega, a or alpha.

@@ -25,11 +25,11 @@ from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import unit_quaternion
 from hingepair.validation.free_flyer import (
-    flyer_acceleration,
-    flyer_configuration,
-    flyer_velocity,
     frame_motion,
     import_pinocchio,
+    pinocchio_acceleration,
+    pinocchio_configuration,
+    pinocchio_velocity,
     to_world,
 )
 from hingepair.validation.robot_twin import RobotTwin, robot_twin
@@ -63,7 +63,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        return _joined(flyer_configuration(body1), psi=psi)
+        return _joined(pinocchio_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
         """Return Pinocchio's v; shape (..., 7).
@@ -76,7 +76,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v or omega.
         """
-        return _joined(flyer_velocity(body1), psi=psi, psid=psid)
+        return _joined(pinocchio_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Return Pinocchio's a, which is the spatial acceleration; shape (..., 7).
@@ -90,7 +90,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v, omega, a or alpha.
         """
-        return _joined(flyer_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
+        return _joined(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Compute body 2 by Pinocchio, one sample after another.

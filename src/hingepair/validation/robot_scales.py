@@ -61,7 +61,7 @@ class RobotScales:
             turns = 1.0 if joint.mimic is None or slides else 1.0 + self._shift[:, k]
             self._sums.append(_added(self._sums[joint.parent], size, turns))
             self._lengths.append(length + np.zeros(count))
-        self._distances = self._between()
+        self._distances = self._largest_distances()
 
     def motion(self, frame: Frame) -> dict[str, Float64Array]:
         """Return the scales of R, S, v, omega, a and alpha of a frame; shape (N,) each."""
@@ -161,8 +161,12 @@ class RobotScales:
             return [(column, column < 3) for column in range(6)]
         return [(body + 5, self._tree.joints[body - 1].kind == "slider")]
 
-    def _between(self) -> Float64Array:
-        """Return bounds on the distance from each body to each that it carries; shape (N, bodies, bodies)."""
+    def _largest_distances(self) -> Float64Array:
+        """Return upper bounds on the distance [m] from each body to each that it carries; set `_carries`.
+
+        The shape of the bounds is (N, bodies, bodies), 0 where a body does not carry the other; that of `_carries`,
+        whether it does, is (bodies, bodies).
+        """
         bodies = len(self._lengths)
         self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
         found = np.zeros((len(self._lengths[0]), bodies, bodies))

@@ -23,7 +23,12 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import MassProperties
 from hingepair.numeric.arrays import Float64Array, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.validation.free_flyer import flyer_acceleration, flyer_configuration, flyer_velocity, import_pinocchio
+from hingepair.validation.free_flyer import (
+    import_pinocchio,
+    pinocchio_acceleration,
+    pinocchio_configuration,
+    pinocchio_velocity,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +56,7 @@ class RobotTwin:
         Raises:
             ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
         """
-        base = self._of_base(base_motion, flyer_configuration)
+        base = self._of_base(base_motion, pinocchio_configuration)
         return _join_coordinates(base, self._of_joints("q", q) + self.offsets)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
@@ -61,7 +66,7 @@ class RobotTwin:
             ArgumentError: as `configuration`.
         """
         self._of_joints("q", q)
-        return _join_coordinates(self._of_base(base_motion, flyer_velocity), self._of_joints("qd", qd))
+        return _join_coordinates(self._of_base(base_motion, pinocchio_velocity), self._of_joints("qd", qd))
 
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
@@ -72,7 +77,7 @@ class RobotTwin:
             ArgumentError: as `configuration`.
         """
         self._of_joints("q", q), self._of_joints("qd", qd)
-        return _join_coordinates(self._of_base(base_motion, flyer_acceleration), self._of_joints("qdd", qdd))
+        return _join_coordinates(self._of_base(base_motion, pinocchio_acceleration), self._of_joints("qdd", qdd))
 
     def _of_joints(self, name: str, values: ArrayLike) -> Float64Array:
         """Return the mechanism's coordinates as those of all joints of Pinocchio's model, followers included."""

@@ -17,7 +17,7 @@ from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from hingepair.validation.report import FORCE_BOUND, Comparison, RateComparison
 
-_BALANCED: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_COMPONENTS_FROM_LOADS: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -78,7 +78,7 @@ def compare_forces(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
             given[i] += jacobian.T @ on_body2[i]
-    balanced = _BALANCED.get((base, flat), (6,))
+    balanced = _COMPONENTS_FROM_LOADS.get((base, flat), (6,))
     held = [i for i in range(7) if i not in balanced]
     given[:, held] = taken[:, held]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))

@@ -270,7 +270,7 @@ class MechanismScene(Sampled):
         return self.times()
 
     def motion(self) -> JointCoordinates:
-        """Compute the coordinates of the joints and their derivatives at the instants.
+        """Compute the joint coordinates q (samples, dof) and their derivatives at the instants of the scene.
 
         Returns:
             (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that a
