@@ -197,7 +197,9 @@ _LATER = {
 def __getattr__(name: str) -> Any:
     """Import a public name that most users of the kinematics never need, when it is first asked for."""
     if name not in _LATER:
-        raise AttributeError(f"module 'hingepair' has no attribute {name!r}")
+        from hingepair.errors import nearest
+
+        raise AttributeError(f"module 'hingepair' has no attribute {name!r}{nearest(name, __all__)}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LATER[name]}"), name)
     return value
 

@@ -126,7 +126,10 @@ def read_coordinates(
     try:
         array = vectors(name, value, len(names))
     except ShapeError as error:
-        raise ShapeError(name, f"{error.expected}, a column for each of {_joint_list(names)}", error.got) from None
+        expected = f"{error.expected}, a column for each of {_joint_list(names)}"
+        if isinstance(value, tuple | list) and len(value) == len(names):
+            expected += " (numbers and arrays that broadcast: a dict by the joints' names)"
+        raise ShapeError(name, expected, error.got) from None
     return array, array.shape[:-1]
 
 

@@ -89,6 +89,14 @@ class MechanismState(Results):
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), "frames"]
+
+    def __repr__(self) -> str:
+        frames = self.frames if len(self.frames) <= 8 else (*self.frames[:6], f"... ({len(self.frames)} frames)")
+        names = ", ".join(self.outputs)
+        return f"{type(self).__name__}(shape={self.shape}, frames=({', '.join(frames)}), outputs=({names}))"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild_state, (self.frames, self._robot_frames, self.arrays(), self.shape)
 

@@ -60,7 +60,9 @@ def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
         value = np.stack([*columns.values()], axis=-1)
     array = real_array(name, value)
     if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
-        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}")
+        transposed = len(tail) == 1 and array.ndim == 2 and array.shape[0] == tail[0]
+        hint = " (transpose it: .T)" if transposed else ""
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}{hint}")
     return array
 
 

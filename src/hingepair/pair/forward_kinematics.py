@@ -93,7 +93,12 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
     try:
         return vectors(name, value, count)
     except ShapeError as error:
-        raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
+        got = error.got
+        if isinstance(value, tuple) and len(value) != count:
+            got = f"a tuple of {len(value)}"
+        elif isinstance(value, list) and len(value) == count:
+            got = "a list of numbers and arrays: make it a tuple"
+        raise ShapeError(name, f"{error.expected}, or a tuple of {several}", got) from None
 
 
 def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:

@@ -91,6 +91,10 @@ class PairState(Results):
         """
         return self._motion("1")
 
+    def __dir__(self) -> list[str]:
+        bodies = (f"body{body}" for body in "12" if {f"R{body}", f"S{body}"} <= set(self.outputs))
+        return [*super().__dir__(), *bodies]
+
     def _motion(self, body: str) -> BodyMotion:
         """Return the motion of body 1 or 2 from the outputs that were computed for the body."""
         for letter in "RS":
