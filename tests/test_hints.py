@@ -44,3 +44,12 @@ def test_what_a_state_lists() -> None:
 def test_misspelt_name_of_the_package() -> None:
     with pytest.raises(AttributeError, match=r"'load_robots' \(nearest: load_robot\)$"):
         hp.load_robots  # noqa: B018
+
+
+def test_misspelt_choices() -> None:
+    with pytest.raises(hp.ArgumentError, match=r"one of fixed, free \(nearest: fixed\), got 'fix'$"):
+        hp.Mechanism([PAIR], base="fix")
+    with pytest.raises(hp.ArgumentError, match=r"\(nearest: second\), got 'econd'$"):
+        ROBOT.jacobian((0, 0), "econd")
+    with pytest.raises(hp.ArgumentError, match=r"\(nearest: panda_hand_tcp\), got 'tcp'$"):
+        hp.load_robot("panda").jacobian(np.zeros(8), "tcp")

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 _MAX_TEXT_LENGTH = 120  # characters of a value in a message
 _MAX_CHOICES = 64  # names that a message lists in full
 _MAX_COMPARED_NAMES = 2000  # names that a misspelt one is compared with; of more none is
+_MIN_PART_LENGTH = 3  # characters of a name from which on a name that contains it is near
 
 
 class HingePairError(Exception):
@@ -127,7 +128,9 @@ def nearest(name: str, known: Collection[str]) -> str:
     """Return ` (nearest: name)` for a name that was probably misspelt, or an empty text where none is near."""
     import difflib
 
-    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _MAX_COMPARED_NAMES else ()
+    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _MAX_COMPARED_NAMES else []
+    if not near and len(name) >= _MIN_PART_LENGTH:
+        near = [one for one in known if name in one][:1]
     return f" (nearest: {near[0]})" if near else ""
 
 

@@ -354,7 +354,10 @@ BAD = {
     "circle": (JOINTS.replace('name = "boom"', 'name = "boom"\nparent = "ram"'), "joint.stick.parent: .*circle"),
     "name twice": (JOINTS.replace('name = "ram"', 'name = "boom"'), r"joint\[2\].name: .*'boom' twice"),
     "no name": (JOINTS.replace('name = "ram"', ""), r"joint\[2\].name: "),
-    "kind": (JOINTS.replace('"slider"', '"slidr"'), "joint.ram.kind: expected one of hinge, slider, got 'slidr'"),
+    "kind": (
+        JOINTS.replace('"slider"', '"slidr"'),
+        "joint.ram.kind: .*one of hinge, slider .nearest: slider., got 'slidr'",
+    ),
     "misspelt key": (
         JOINTS.replace("torque_limit", "torquelimit"),
         r"joint\[0\].torquelimit: .*nearest: torque_limit",

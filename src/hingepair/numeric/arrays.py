@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, nearest, quoted
 
 FloatArray: TypeAlias = NDArray[np.floating[Any]]
 Float64Array: TypeAlias = NDArray[np.float64]
@@ -217,7 +217,9 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
 def check_choice(name: str, value: object, known: Iterable[str]) -> None:
     """Refuse a value that is not one of the known names, and list these."""
     if not isinstance(value, str) or value not in known:
-        raise ArgumentError(name, choices(tuple(known)), quoted(value))
+        names = tuple(known)
+        near = nearest(value, names) if isinstance(value, str) else ""
+        raise ArgumentError(name, choices(names) + near, quoted(value))
 
 
 def finite_number(name: str, value: object) -> float:
