@@ -1499,8 +1499,8 @@ FAULTS = {
     ),
     "a rate that no slope is compared with": Fault(
         "validation/simulated.py",
-        "resolved = off <= _RESOLVED",
-        "resolved = off < 0 * _RESOLVED",
+        "resolved = off <= _MAX_SLOPE_DIFFERENCE",
+        "resolved = off < 0 * _MAX_SLOPE_DIFFERENCE",
         "validation/test_simulated.py::test_a_motion_that_does_not_follow_from_its_loads_fails[fixed-space-psid]",
     ),
     "noise of a log that goes through no differences": Fault(

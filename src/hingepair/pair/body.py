@@ -25,7 +25,7 @@ _FLATNESS_TOLERANCE: Final = 1e-3
 
 Moments of a flat body that are written with three digits are off by so much; what passes is warned of.
 """
-_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
+_MAX_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
 
 
 class DynamicsWarning(UserWarning):
@@ -266,7 +266,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
     scaled = inertia / size
-    if np.abs(scaled - scaled.T).max() > _ASYMMETRY:
+    if np.abs(scaled - scaled.T).max() > _MAX_ASYMMETRY:
         raise ArgumentError("inertia", "a symmetric matrix", inertia)
     small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
     moments = [moment * size for moment in (small, middle, large)]

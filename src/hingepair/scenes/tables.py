@@ -52,7 +52,7 @@ class Place:
 
     @contextlib.contextmanager
     def naming(self, key: str = "", **keys: str) -> Iterator[None]:
-        """Turn errors about an argument into errors about the key that it came from: keys[argument], or key."""
+        """Turn errors about an argument in the `with` block into errors about its key: keys[argument], or key."""
         try:
             yield
         except SceneError:

@@ -95,7 +95,7 @@ class Store:
 
 @contextlib.contextmanager
 def _naming_errors(path: Path) -> Iterator[None]:
-    """Turn errors of the system into errors about `out`."""
+    """Turn errors of the system in the `with` block into errors about `out`."""
     try:
         yield
     except OSError as error:

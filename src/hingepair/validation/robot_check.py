@@ -22,7 +22,9 @@ from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robo
 
 _BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_REGULAR = 1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
+_MIN_REGULAR_EIGENVALUE = (
+    1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
+)
 
 
 def cross_validate_robot(
@@ -294,7 +296,7 @@ def _unresisted(robot: Mechanism, matrix: Float64Array) -> str:
     motion = (size == 0).astype(float)
     if size.all():
         least, motions = np.linalg.eigh(matrix / size / size[:, None])
-        motion = motions[:, 0] if least[0] < _REGULAR else motion
+        motion = motions[:, 0] if least[0] < _MIN_REGULAR_EIGENVALUE else motion
     if not motion.any():
         return ""
     names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)

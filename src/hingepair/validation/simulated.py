@@ -28,9 +28,9 @@ loads gives, by the base and by whether the motion is in the plane; the hinge's 
 # Where the loads stand in Pinocchio's generalized force.
 _LOAD_SLICES: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
-_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
+_SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
 _REACH: Final = 3  # samples to either side whose slopes are off alike
-_RESOLVED: Final = 1e-3  # of the largest rate: slopes of both orders that differ by more are no slopes
+_MAX_SLOPE_DIFFERENCE: Final = 1e-3  # of the largest rate: slopes of both orders that differ by more are no slopes
 _RATE_TOLERANCE: Final = 0.05  # of the largest rate: what a rate that belongs to other values is off by
 _MAX_STEP: Final = 0.5  # of a rate's change in a step, of the largest rate: beyond, an oscillation may hide in a step
 
@@ -150,7 +150,7 @@ def compare_rates(
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = len(t) > _ORDERS[0] and step * sizes[1] <= _MAX_STEP * sizes[0]
+        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_STEP * sizes[0]
         for name, of, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _differences(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
             rows.append(
@@ -163,8 +163,8 @@ def compare_rates(
 
 def _differences(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
     """Compute how far a rate is from the slopes of values, both (N, k); shape (N,), NaN where there is no slope."""
-    fine, coarse = (np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _ORDERS)
+    fine, coarse = (np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _SLOPE_ORDERS)
     apart = np.abs(fine - coarse).max(axis=-1)
     off = np.max([np.roll(np.pad(apart, _REACH), k) for k in range(-_REACH, _REACH + 1)], axis=0)[_REACH:-_REACH]
-    resolved = off <= _RESOLVED * np.nanmax(np.abs(fine), initial=0.0)
+    resolved = off <= _MAX_SLOPE_DIFFERENCE * np.nanmax(np.abs(fine), initial=0.0)
     return np.where(resolved, np.abs(rate - fine).max(axis=-1), np.nan)
