@@ -22,9 +22,7 @@ from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robo
 
 _BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_MIN_REGULAR_EIGENVALUE = (
-    1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
-)
+_MIN_REGULAR_EIGENVALUE = 1e-12  # of a mass matrix scaled to ones on its diagonal; smaller ones are rounding
 
 
 def cross_validate_robot(
