@@ -28,7 +28,7 @@ MAX_POINTS: Final = 200
 """Largest number of waypoints of one coordinate."""
 _PROFILE_POLYNOMIALS: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
 """Coefficients of the way from 0 to 1 in the time from 0 to 1."""
-_ROUNDING_TOLERANCE: Final = 1e-9  # relative: smaller jumps and excesses are rounding
+_WAY_POINT_TOLERANCE: Final = 1e-9  # relative: smaller jumps and excesses are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class WayPoints:
             slope = np.polynomial.Polynomial(own).deriv()
             roots = slope.roots() if np.any(slope.coef) else np.empty(0)
             inner = roots.real[
-                (np.abs(roots.imag) < _ROUNDING_TOLERANCE * length) & (roots.real > 0) & (roots.real < length)
+                (np.abs(roots.imag) < _WAY_POINT_TOLERANCE * length) & (roots.real > 0) & (roots.real < length)
             ]
             at = np.concatenate(([0.0, length], inner))
             largest = max(largest, float(np.abs(_polynomials(np.broadcast_to(own, (at.size, own.size)), at)).max()))
@@ -81,7 +81,7 @@ class WayPoints:
             derived = _derived(self.coefficients, k)
             after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
             most = (np.abs(derived[:-1]) * lengths[:, None] ** np.arange(derived.shape[1])).sum(axis=1).max()
-            kinked |= np.abs(after - before) > _ROUNDING_TOLERANCE * most
+            kinked |= np.abs(after - before) > _WAY_POINT_TOLERANCE * most
         return kinked
 
 
@@ -104,7 +104,7 @@ def through(
         if profile == "linear" and k == 2 and limit < math.inf:
             raise ArgumentError(name, "no such limit of a linear profile, whose speed jumps", limit)
         largest = found.largest(k)
-        if largest > limit * (1 + _ROUNDING_TOLERANCE):
+        if largest > limit * (1 + _WAY_POINT_TOLERANCE):
             expected = f"at least {largest:.6g}, which this profile needs between these points"
             raise ArgumentError(name, expected, limit)
     return found
