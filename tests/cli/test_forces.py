@@ -84,8 +84,8 @@ def test_a_mass_that_was_not_given_is_said(light):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["reference_3d.toml"], "pair.body2: expected mass properties"),
-        (["reference_2d.toml"], "pair.body2: expected mass properties"),
+        (["reference_3d.toml"], "reference_3d.toml: pair.body2: expected mass properties"),
+        (["reference_2d.toml"], "reference_2d.toml: pair.body2: expected mass properties"),
         (["landing_gear.toml", "--gravity", "down"], "--gravity: expected three finite numbers X,Y,Z, got 'down'"),
         (["landing_gear.toml", "--out", "forces.doc"], "--out: expected a file name that ends in"),
     ],
@@ -421,3 +421,24 @@ def test_a_mechanism_that_moves_by_expressions_has_no_noise():
     forces = hp.load_scene(MODELS / "excavator.toml").forces()
     assert all(np.isnan(load.noise) for load in forces.loads)
     assert not any("noise" in note for note in forces.notes)
+
+
+def test_a_log_in_the_place_of_a_scene_is_told_where_it_goes(tmp_path):
+    log = tmp_path / "rad.csv"
+    log.write_text("t,psi\n0,1\n")
+    for command in ("run", "plot", "check", "sweep", "forces"):
+        error = CliRunner().invoke(app, [command, str(log)]).exception
+        assert "which names a log by [motion] file = 'rad.csv', got a log" in str(error), command
+
+
+def test_an_unknown_output_is_named_before_a_figure_that_exists(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "reference_3d.png").write_text("kept")
+    scene = str(MODELS / "reference_3d.toml")
+    assert "foo" in str(CliRunner().invoke(app, ["plot", scene, "--outputs", "foo"]).exception)
+    assert "reference_3d.png exists" in str(CliRunner().invoke(app, ["plot", scene]).exception)
+
+
+def test_columns_of_explain_stand_apart():
+    text = CliRunner().invoke(app, ["run", str(MODELS / "reference_3d.toml"), "--explain"]).output
+    assert re.search(r"(?m)^  lever_by_psi +derivative of S2 u2 by psi", text)

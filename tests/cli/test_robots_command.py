@@ -37,6 +37,18 @@ def test_robots_are_listed_with_the_numbers_of_their_joints(monkeypatch: pytest.
     assert [row["dof"] for row in json.loads(robots("--json"))] == [hp.load_robot(name).dof for name in names]
 
 
+def test_axes_are_those_of_the_printed_robot_and_of_its_file() -> None:
+    heading = "axis (joint axes)"
+    table, printed = robots("panda").splitlines(), str(hp.load_robot("panda")).splitlines()[1:]
+
+    def axes(lines: list[str]) -> list[str]:
+        """Return the cells of the column of axes."""
+        start = lines[0].index(heading)
+        return [line[start : start + len(heading)].strip() for line in lines[1:10]]
+
+    assert axes(table) == axes(printed) == ["0 0 1"] * 7 + ["0 1 0", "0 -1 0"]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:joint .* follows:UserWarning")
 def test_all_robots_are_listed() -> None:

@@ -45,6 +45,14 @@ def test_one_row_and_one_column_are_a_file(tmp_path: Path) -> None:
     assert read_columns(write(tmp_path / "log.csv", "t,a\n5,6\n"), chosen("nothing")) == {}
 
 
+def test_a_heading_may_begin_as_numpy_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, [[1.0, 2.0], [3.0, 4.0]], delimiter=",", header="t,a")
+    assert read_columns(path, chosen("t", "a"))["t"].tolist() == [1, 3]
+    with pytest.raises(hp.ArgumentError, match="expected a first line of column names, got numbers"):
+        read_columns(write(path, "0,1.5\n1,2.5\n"), chosen("t"))
+
+
 def test_a_column_can_be_read_again_with_all_its_digits(tmp_path: Path) -> None:
     stamps = [1_700_000_000_123_456_789, 1_700_000_000_128_456_790]
     path = write(tmp_path / "log.csv", "a,t\n" + "".join(f"0.5,{stamp}\n" for stamp in stamps))

@@ -37,7 +37,7 @@ LINES = text_of(GOOD).splitlines()
 REFUSED_CSV = {
     "empty file": ("", "", "log.csv: expected a first line of column names"),
     "no rows": (LINES[0] + "\n", "", "log.csv: expected at least one sample"),
-    "no header": ("\n".join(LINES[1:]), "", "an unknown column"),
+    "no header": ("\n".join(LINES[1:]), "", "a first line of column names, got numbers"),
     "ragged": ("\n".join([*LINES[:4], LINES[4] + ",1", *LINES[5:]]), "", "line 5: expected 8 fields"),
     "short row": ("\n".join([*LINES[:4], "1,2", *LINES[5:]]), "", "line 5: expected 8 fields"),
     "decimal commas": ("\n".join([LINES[0], *(line.replace(".", ",") for line in LINES[1:])]), "", "decimal points"),

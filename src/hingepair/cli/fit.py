@@ -21,7 +21,7 @@ from hingepair.cli.output import (
 )
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import GAUGES
+from hingepair.measured.hinge import GAUGES, SIGN_RULE
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.numeric.whole_file import whole_file
@@ -264,7 +264,7 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
         "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its "
-        "standard deviation.",
+        f"standard deviation. {SIGN_RULE}",
         "",
         "## Residuals",
         "",

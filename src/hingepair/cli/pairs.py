@@ -22,6 +22,7 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.results import RESULT_SUFFIXES
 from hingepair.scenes.scene import Scene, load_mechanism, load_pair, load_scene, load_setup, scene_files
 from hingepair.scenes.simulated_motion import PRESCRIBED_BASE, DynamicsSetup
 from hingepair.scenes.tables import read_tables
@@ -149,9 +150,9 @@ def input_files(source: str) -> tuple[Path, ...]:
 
 
 def is_urdf(source: str) -> bool:
-    """Return whether a source is a URDF file, which every existing file is that does not end in .toml."""
+    """Return whether a source is a URDF file, which every existing file is that is no scene (.toml) and no log."""
     suffix = Path(source).suffix.lower()
-    return suffix in {".urdf", ".xml"} or (suffix != ".toml" and os.path.isfile(source))
+    return suffix in {".urdf", ".xml"} or (suffix not in {".toml", *RESULT_SUFFIXES} and os.path.isfile(source))
 
 
 def urdf_command(

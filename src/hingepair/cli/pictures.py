@@ -49,10 +49,13 @@ def plot_command(
     of E1. That of a mechanism shows position, rate and torque of each moving joint with their limits, and the paths
     of its frames. With --outputs the figure shows these outputs over time.
     """
+    if out is not None:
+        check_picture_ending("--out", out)
+    scene, names = load_named_scene(scene_file), split_names("--outputs", outputs)
+    if names is not None:
+        scene.plan(names)  # raises an error about an unknown output
     out = out or _check_new_file(f"{scene_file.stem}.png")
-    check_picture_ending("--out", out)
-    scene = load_named_scene(scene_file)
-    figure = plot_figure(scene, split_names("--outputs", outputs))
+    figure = plot_figure(scene, names)
     save_figure(figure, out, scene.files, dpi=110)
     make_console().print(f"written: {out}")
 

@@ -23,7 +23,17 @@ from hingepair.urdf.records import HINGES, SLIDERS, JointRecord, MimicRecord, Ro
 COUNT_COLUMNS = ("robot", "dof", "hinges", "sliders", "following")
 # Headings of the table of joints.
 JOINT_COLUMNS = (
-    *("q", "joint", "kind", "body 1", "body 2", "axis n", "limits [rad, m]", "effort [N m, N]", "rate [rad/s, m/s]"),
+    *(
+        "q",
+        "joint",
+        "kind",
+        "body 1",
+        "body 2",
+        "axis (joint axes)",
+        "limits [rad, m]",
+        "effort [N m, N]",
+        "rate [rad/s, m/s]",
+    ),
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
 _NUMBER_COLUMNS = {0, 6, 7, 8, 9, 10}
@@ -39,9 +49,10 @@ def robots_command(
 ) -> None:
     """List the robots of example-robot-data, or the joints of a robot.
 
-    The table of joints shows the index of each coordinate in q, the two links, the axis in the axes of body 1, the
-    limits of position, effort and rate, the mass of body 2 and of all bodies that the joint moves, and the joint
-    that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge as a pair.
+    The table of joints shows the index of each coordinate in q, the two links, the axis in the axes of the joint, as
+    in the URDF file, the limits of position, effort and rate, the mass of body 2 and of all bodies that the joint
+    moves, and the joint that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge
+    as a pair.
     """
     if name is None:
         rows = [_count_joints(robot) for robot in robot_names()]
@@ -127,8 +138,14 @@ def _joint_row(robot: Robot, joint: JointRecord) -> dict[str, Any]:
         if kind == "hinge":
             hinge_pair(robot, joint.name, name=joint.name)  # raises an error if the hinge cannot be loaded as a pair
         home, u1 = joint.pose
-        n = home @ unit_axis("axis", joint.axis) + 0.0
-        row |= {"n": n.tolist(), "u1": u1.tolist(), "home": home.tolist(), "limits": joint.limits}
+        axis = unit_axis("axis", joint.axis)
+        row |= {
+            "axis": axis.tolist(),
+            "n": (home @ axis + 0.0).tolist(),
+            "u1": u1.tolist(),
+            "home": home.tolist(),
+            "limits": joint.limits,
+        }
         row |= {"effort_limit": joint.effort, "rate_limit": joint.velocity}
     except (URDFError, ArgumentError) as error:
         row["error"] = str(error)
@@ -142,7 +159,7 @@ def _joint_cells(row: dict[str, Any]) -> list[str]:
     if "error" in row:
         return [*names, row["error"], *[""] * 6]
     limits = "none" if row["limits"] is None else " to ".join(map(_format_number, row["limits"]))
-    axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in row["n"])
+    axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in row["axis"])
     numbers = (_format_number(row[key]) for key in ("effort_limit", "rate_limit", "mass2", "mass_moved"))
     return [*names, axis, limits, *numbers, printable(_mimic_text(row))]
 

@@ -178,7 +178,13 @@ def forces_command(
     if not isinstance(scene, Scene):
         _show_mechanism_forces(scene, gravity, out, as_json)
         return
-    result = scene.forces(None if gravity is None else _read_gravity(gravity, len(scene.pair.u1)))
+    gravity_vector = None if gravity is None else _read_gravity(gravity, len(scene.pair.u1))
+    try:
+        result = scene.forces(gravity_vector)
+    except ArgumentError as error:
+        if not error.name.startswith("pair."):
+            raise
+        raise type(error)(f"{scene_file}: {error.name}", error.expected, error.got) from None
     written = None if out is None else str(result.save(out))
     rows = _component_ranges(result.t, result.recorded(), result.noise)
     doubt = scene.motion.doubt if result.noise else ""  # the note on noise is more precise

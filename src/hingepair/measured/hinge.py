@@ -16,6 +16,11 @@ from hingepair.rotations.matrices import skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")
 """Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
+SIGN_RULE: Final = (
+    "The first component of n that is at least 0.45 times as large as the largest is positive; home, the attitude of "
+    "body 2 at psi = 0, turns its axis into that of body 1 the short way unless they are nearly opposite."
+)
+"""The rules for the sign of n and for psi = 0, for readers of a fit."""
 _MIN_SIGN_RATIO = 0.45
 """Part of the largest component from which a component of n decides the sign. No ratio of two small numbers, so that
 noise does not decide for an axis such as (-1, 2, 0)."""

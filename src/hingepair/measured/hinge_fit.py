@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, hinge_misfit
 from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
-from hingepair.measured.hinge import GAUGES, Hinge, derivatives, home_angle, home_of
+from hingepair.measured.hinge import GAUGES, SIGN_RULE, Hinge, derivatives, home_angle, home_of
 from hingepair.measured.likelihood import (
     LOSSES,
     MAX_FRAMED,
@@ -201,7 +201,7 @@ class HingeFit(Shown):
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
-            "difference is seen"
+            f"difference is seen. {SIGN_RULE}"
         )
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT A HINGE TO RELY ON"))
 

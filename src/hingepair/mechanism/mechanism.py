@@ -27,7 +27,7 @@ _TABLE_HEADINGS = (
     "joint",
     "kind",
     "carried by",
-    "axis",
+    "axis (joint axes)",
     "least",
     "greatest",
     "rate",

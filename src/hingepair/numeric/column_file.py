@@ -138,9 +138,11 @@ def _csv_names(stream: IO[str]) -> list[str]:
         raise ArgumentError("", "a first line of column names", "a longer line")
     if ";" in line or "\t" in line:
         raise ArgumentError("", "columns separated by commas, and decimal points", line)
-    names = [name.strip() for name in next(csv.reader([line]), [])]
+    names = [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]  # numpy.savetxt writes a #
     if not names:
         raise ArgumentError("", "a first line of column names", "an empty line")
+    if all(map(_is_number, names)):
+        raise ArgumentError("", "a first line of column names", "numbers")
     return names
 
 
@@ -155,6 +157,15 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **how: Any) -> NDArray
 
 def _number(text: str) -> float:
     return float(text) if text.strip() else math.nan
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number; an empty one is none."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> NoReturn:

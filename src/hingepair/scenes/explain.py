@@ -67,8 +67,10 @@ class ScenePlan:
     def __str__(self) -> str:
         left = f"{self.operations.per_sample} operations at each instant, of {self.operations.unfolded} in all"
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
+        width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<10}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
+            f"  {name:<{width}}{_MEANING[name]}{' - once' if often == 'once' else ''}"
+            for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)
@@ -96,7 +98,7 @@ def explain(
     ]
     if operations.folded:
         skipped.append(
-            (f"{operations.folded} of {operations.unfolded} operations", "what is known to be 0, 1 or -1 folds")
+            (f"{operations.folded} of {operations.unfolded} operations", "what is known to be 0, 1 or -1 is left out")
         )
     if operations.shared:
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))

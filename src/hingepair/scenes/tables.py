@@ -14,6 +14,7 @@ from typing import Any, Final, NoReturn, TypeAlias
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointed, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
+from hingepair.pair.results import RESULT_SUFFIXES
 
 MAX_TABLE_BYTES: Final = 1_000_000
 """Largest size of a file of tables that is read [bytes]."""
@@ -258,6 +259,9 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SceneError(file, "a scene file that can be read", reason) from None
+    if Path(name).suffix.lower() in RESULT_SUFFIXES:
+        expected = f"a scene file (TOML), which names a log by [motion] file = {Path(name).name!r}"
+        raise SceneError(file, expected, "a log")
     if len(content) > MAX_TABLE_BYTES:
         raise SceneError(file, f"at most {MAX_TABLE_BYTES} bytes", "a larger file")
     try:
