@@ -284,7 +284,7 @@ def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path
         assert hingepair("urdf", short_scene, flag).stdout == hp.to_urdf(pair, base=base)
     assert hingepair("mjcf", short_scene, "--fixed-base").stdout == hp.to_mjcf(pair, base="fixed")
     done = hingepair("urdf", short_scene, "--fixed-base", "--floating-base", code=EXIT_BAD_INPUT)
-    assert done.stderr.strip() == "hingepair: --fixed-base and --floating-base exclude each other"
+    assert done.stderr.strip() == "hingepair: --fixed-base and --floating-base exclude each other; give one of them"
 
 
 @pytest.mark.parametrize(
