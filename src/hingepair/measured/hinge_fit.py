@@ -76,7 +76,7 @@ class EncoderFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HingeFit(Shown):
-    """The hinge of two recorded motions, how sure it is, and what it leaves.
+    """The hinge found from two recorded motions, its uncertainty, and the residuals.
 
     Attributes:
         pair: the hinge, ready for everything else.

@@ -57,7 +57,7 @@ to it. Of the axes that is more than the variance of the rates says where rates 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AxisFit:
-    """The hinge axis in either body's axes, from angular velocities.
+    """The hinge axis in the axes of each body, from the angular velocities of both.
 
     Attributes:
         n1: axis in body 1's axes, unit; (3,). It is `HingePair.n`.
@@ -84,7 +84,7 @@ class AxisFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AnchorFit:
-    """The hinge point from either sensor, from what the sensors feel.
+    """The hinge point relative to each of two inertial sensors, from their specific forces and angular velocities.
 
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).

@@ -29,7 +29,7 @@ _MAX_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
 _DIRECTION_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
 _MAX_EXCESS = 3.0  # of the scatter of directions to that of their noise
 _MIN_NOISE = 1e-9  # [rad/s] of rates, [rad] of directions
-_CUT = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
+_GAP_NOISE = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -203,7 +203,7 @@ def _most_likely_angle(
     dt = np.diff(t)
     turned = (rate[1:] + rate[:-1]) / 2 * dt
     links = 1 / (rate_noise * dt) ** 2
-    links[starts - 1] = 1 / _CUT**2
+    links[starts - 1] = 1 / _GAP_NOISE**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(turned))), angles, precision)
     weights = precision
@@ -260,7 +260,7 @@ def _solved(
     matrix[0, 1:] = -links
     matrix[1, 1:] += links
     matrix[1, :-1] += links
-    matrix[1] += weights.sum(axis=0) + 1 / _CUT**2
+    matrix[1] += weights.sum(axis=0) + 1 / _GAP_NOISE**2
     right += (weights * np.where(weights > 0, angles, 0.0)).sum(axis=0)
     x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
     own = (links * dt) @ dt + 1 / max(bias, _MIN_NOISE) ** 2 - border @ y

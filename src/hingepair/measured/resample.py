@@ -32,7 +32,7 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Resample a recording at other instants, so that recordings with clocks of their own come to one.
+    """Interpolate a recording at other instants, to bring recordings with different clocks to common instants.
 
     Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
     before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the

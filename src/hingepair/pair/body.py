@@ -78,7 +78,7 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A cylinder of any direction.
+    """A solid cylinder along any direction: a shape of a body, for its inertia and its picture.
 
     Args:
         radius: above zero [m].

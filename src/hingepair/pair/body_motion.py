@@ -24,7 +24,7 @@ SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class BodyMotion(Frozen):
-    """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
+    """Position, attitude and derivatives of one body, at one or many samples; world axes, classical accelerations.
 
     Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast. Arrays of JAX,
     PyTorch and other libraries stay what they are; that S is a rotation is not checked then. Of Dask arrays it is

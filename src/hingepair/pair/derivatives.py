@@ -74,7 +74,7 @@ def _of_both(pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivities(Frozen):
-    """Derivatives of d, S2, v2, omega2 by u1, u2, n and psi; `d_by_u1` is that of d by u1; world axes, read-only.
+    """Derivatives of d = R2 - R1, S2, v2, omega2 by u1, u2, n, psi; `d_by_u1`: of d by u1; world axes, read-only.
 
     The last axis is the component of what is varied (none for psi): where u1 changes by a small du, d changes by
     d_by_u1 @ du. Those of v2 and omega2 are None where rates were not given; those of S2 by u1 and u2 and of omega2

@@ -27,7 +27,7 @@ MOST_HELD: Final = 10_000_000
 _COMPONENT_LETTERS = "xyz"  # that a component's name ends with
 # Descriptions of the outputs, for files that describe themselves.
 _DESCRIPTIONS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
-_TEXT_ROWS = 8192  # rows of a .csv that are turned into text at a time
+_CSV_ROWS_AT_A_TIME = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Takes some instants, and what was found at them by name."""
@@ -258,8 +258,8 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
             begun = True
             file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
         columns = _split_columns(t, arrays)
-        for start in range(0, len(t), _TEXT_ROWS):
-            rows = np.stack([column[start : start + _TEXT_ROWS] for column in columns], axis=1)
+        for start in range(0, len(t), _CSV_ROWS_AT_A_TIME):
+            rows = np.stack([column[start : start + _CSV_ROWS_AT_A_TIME] for column in columns], axis=1)
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
 
     yield add

@@ -44,7 +44,7 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return the vector w of a matrix [w]x.
+    """Return w from its cross-product matrix [w]x, for which [w]x @ a is w x a.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).

@@ -29,7 +29,7 @@ from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
-DEFAULT_TOL: Final = 1e-12
+DEFAULT_ANGLE_TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 _PROFILE_LIMIT_KEYS: Final = ("speed", "acceleration")
 """Keys of the largest rate and the largest acceleration that a motion through waypoints may reach."""
@@ -148,7 +148,7 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:
     known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     known |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
     signals = _signal("omega1", turning), _signal("psi_dot", hinge)
-    tol = table.number("tol", DEFAULT_TOL)
+    tol = table.number("tol", DEFAULT_ANGLE_TOL)
     return integrated(table, t, signals, known, tol, planar=planar, functions=(turning, hinge, point))
 
 

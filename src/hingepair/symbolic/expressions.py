@@ -82,7 +82,7 @@ _SYNTAX_HINTS: Final[Mapping[Any, str]] = {
     ast.Tuple: "one number or expression (decimals follow a point)",
 }  # hints, by character or type of node
 _TRIGONOMETRIC_NAMES = ("sin", "cos", "tan")  # functions that may have nested roots as values
-_HYPERBOLIC_FUNCTIONS: Final = {
+_REAL_HYPERBOLIC_FUNCTIONS: Final = {
     "sinh": sinh,
     "cosh": cosh,
     "tanh": tanh,
@@ -306,8 +306,8 @@ class _ExpressionBuilder:
             function = functools.partial(function, evaluate=False)
         elif is_constant and name in _TRIGONOMETRIC_NAMES:
             function = functools.partial(unnested, function)
-        elif not is_constant and name in _HYPERBOLIC_FUNCTIONS and not parts[0].expr.is_extended_real:
-            function = _HYPERBOLIC_FUNCTIONS[name]
+        elif not is_constant and name in _REAL_HYPERBOLIC_FUNCTIONS and not parts[0].expr.is_extended_real:
+            function = _REAL_HYPERBOLIC_FUNCTIONS[name]
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:

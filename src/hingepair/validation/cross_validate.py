@@ -63,7 +63,7 @@ def cross_validate(
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> CrossValidation | RobotValidation:
-    """Compute body 2 by the equations and by Pinocchio, and compare.
+    """Compare a pair or a robot, computed by the equations, with Pinocchio, state by state.
 
     Pinocchio's route shares nothing with ours: body 1's attitude and rates come from Pinocchio too, from a chain
     of three revolute joints in the order of the sequence. R2, S2 and d are compared, with qd also v2 and omega2,

@@ -32,7 +32,9 @@ _SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far t
 _REACH: Final = 3  # samples to either side whose slopes are off alike
 _MAX_SLOPE_DIFFERENCE: Final = 1e-3  # of the largest rate: slopes of both orders that differ by more are no slopes
 _RATE_TOLERANCE: Final = 0.05  # of the largest rate: what a rate that belongs to other values is off by
-_MAX_STEP: Final = 0.5  # of a rate's change in a step, of the largest rate: beyond, an oscillation may hide in a step
+_MAX_RATE_CHANGE: Final = (
+    0.5  # largest change of a rate between samples, of the largest rate: beyond, an oscillation may hide
+)
 
 
 def compare_forces(
@@ -150,7 +152,7 @@ def compare_rates(
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_STEP * sizes[0]
+        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE * sizes[0]
         for name, of, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _differences(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
             rows.append(
