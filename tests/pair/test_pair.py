@@ -96,7 +96,7 @@ def test_steps_too_long_are_not_called_lock_alone(backend):
 def test_a_state_lists_what_it_has():
     q = np.zeros(7)
     for state, names in (
-        (made().forward_kinematics(q), "R2, S2, arrays, d, outputs, shape"),
+        (made().forward_kinematics(q), "R2, S2, arrays, body2, d, outputs, shape"),
         (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "R2, arrays, d, outputs, phi2, shape"),
     ):
         with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}$"):

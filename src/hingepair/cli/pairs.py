@@ -66,10 +66,10 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
         joint: name of the hinge; None for a scene file.
         frames: links whose frames are those of body 1 and body 2.
     """
-    if is_urdf(source):
-        return from_urdf(source, _require_joint(source, joint), *frames)
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))
+    if is_urdf(source) or (joint is not None and os.path.isfile(source)):
+        return from_urdf(source, _require_joint(source, joint), *frames)
     if joint is not None:
         return hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
     if any(frames):
