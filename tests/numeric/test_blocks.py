@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.arrays import load, result_dtype, split
+from hingepair.numeric.arrays import load, result_dtype, split_into_blocks
 from hingepair.numeric.blocks import (
-    BLOCK,
+    SAMPLES_PER_BLOCK,
     angle_terms,
     components_of,
     cosine,
@@ -32,7 +32,7 @@ SHAPES = [(), (1,), (7,), (8,), (9,), (3, 5), (5, 3), (1, 20), (2, 3, 4), (4, 1,
 @pytest.mark.parametrize("size", [1, 4, 8, 15, 1000])
 def test_blocks_cover_every_sample_once(shape: tuple[int, ...], size: int) -> None:
     count, largest = np.zeros(shape, dtype=int), 0
-    for block in split(shape, size):
+    for block in split_into_blocks(shape, size):
         assert len(block) == len(shape)
         assert all(0 <= s.start < s.stop <= n for s, n in zip(block, shape, strict=True))
         count[block] += 1
@@ -42,22 +42,22 @@ def test_blocks_cover_every_sample_once(shape: tuple[int, ...], size: int) -> No
 
 
 def test_blocks_are_as_large_as_they_may_be() -> None:
-    assert [tuple((s.start, s.stop) for s in block) for block in split((10,), 4)] == [
+    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((10,), 4)] == [
         ((0, 4),),
         ((4, 8),),
         ((8, 10),),
     ]
-    assert [tuple((s.start, s.stop) for s in block) for block in split((4, 3), 7)] == [
+    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((4, 3), 7)] == [
         ((0, 2), (0, 3)),
         ((2, 4), (0, 3)),
     ]
-    assert [tuple((s.start, s.stop) for s in block) for block in split((2, 2, 3), 4)] == [
+    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 2, 3), 4)] == [
         ((i, i + 1), (j, j + 1), (0, 3)) for i in range(2) for j in range(2)
     ]
 
 
 def test_a_component_that_broadcasts_is_loaded_where_it_differs() -> None:
-    block = next(b for b in split((4, 6), 3) if b[0].start == 2)
+    block = next(b for b in split_into_blocks((4, 6), 3) if b[0].start == 2)
     whole, row, column = np.arange(24.0).reshape(4, 6), np.arange(6.0), np.arange(4.0)[:, None]
     for component in (whole, row, column):
         part = load(component, block, np.dtype(np.float64))
@@ -93,7 +93,7 @@ def test_components_of_vectors_and_matrices() -> None:
     assert all(type(x) is float for x in numbers(array[0], 2))
 
 
-@pytest.mark.parametrize("shape", [(), (5,), (3, 2 * BLOCK + 7), (0,)], ids=str)
+@pytest.mark.parametrize("shape", [(), (5,), (3, 2 * SAMPLES_PER_BLOCK + 7), (0,)], ids=str)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: type) -> None:
     rng = np.random.default_rng(1)

@@ -11,10 +11,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from hingepair.numeric.bounded import Bounded, Double, Single, in_last_places, kind_of
+from hingepair.numeric.bounded import Bounded, BoundedDouble, BoundedSingle, in_last_places, kind_of
 
 COUNT = 300
-KINDS = pytest.mark.parametrize("kind", [Double, Single])
+KINDS = pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
 
 
 def operands(kind: type[Bounded], seed: int) -> tuple[list[Bounded], list[Fraction]]:
@@ -100,7 +100,7 @@ def test_numbers_that_overflow_or_vanish(kind: type[Bounded]) -> None:
     assert np.isinf((largest + largest).error)
     assert np.isinf((largest * kind(2.0)).error)
     assert np.isinf((kind(math.inf) - kind(math.inf)).error)
-    small = kind(2.0**-600 if kind is Double else 2.0**-80)
+    small = kind(2.0**-600 if kind is BoundedDouble else 2.0**-80)
     assert 0 < float((small * small).error) <= 8 * kind.smallest
 
 
@@ -116,7 +116,7 @@ def test_rounded_numbers_know_how_far_they_were(kind: type[Bounded]) -> None:
 @KINDS
 @pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
 def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], function: str) -> None:
-    """The bound takes a sine that is off by SINE_ULPS; one rounded rightly is off by half a unit."""
+    """The bound takes a sine that is off by MAX_SINE_ERROR_ULPS; one rounded rightly is off by half a unit."""
     rng = np.random.default_rng(3)
     angles = np.concatenate((rng.uniform(-10, 10, 100), 10.0 ** rng.uniform(-12, 0, 60), [0.0, 0.5, 1e-3]))
     angles = angles.astype(kind.dtype).astype(float)
@@ -141,16 +141,16 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
     known = {"sine": math.sin, "cosine": math.cos, "versine": lambda x: 2 * math.sin(x / 2) ** 2}
     for angle in (0.0, 1e-7, 0.4, 1.2, 3.0):
         for off in (0.0, 1e-12, 1e-4):
-            bounded = getattr(Double(angle, off), function)()
+            bounded = getattr(BoundedDouble(angle, off), function)()
             for other in (angle - off, angle + off):
                 exact = known[function](other)
                 assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17
 
 
 def test_the_kind_follows_the_dtype() -> None:
-    assert kind_of(np.dtype(np.float32)) is Single
-    assert kind_of(np.dtype(np.float64)) is Double
-    for kind in (Single, Double):
+    assert kind_of(np.dtype(np.float32)) is BoundedSingle
+    assert kind_of(np.dtype(np.float64)) is BoundedDouble
+    for kind in (BoundedSingle, BoundedDouble):
         limits = np.finfo(kind.dtype)
         assert (kind.u, kind.largest, kind.smallest) == (limits.eps / 2, limits.max, limits.smallest_subnormal)
 

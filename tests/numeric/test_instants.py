@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, pieces
+from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, split_at_gaps
 
 STEP_NS = 5_000_001
 
@@ -53,11 +53,11 @@ def test_pieces_are_cut_where_samples_are_missing() -> None:
     known = np.ones(20, dtype=bool)
     known[3:5] = False  # 30 ms: bridged
     known[13:18] = False  # 60 ms: a gap
-    found = pieces(t, known, 0.05)
+    found = split_at_gaps(t, known, 0.05)
     assert [piece.tolist() for piece in found] == [[0, 1, 2, 5, 6, 7, 8, 9], [10, 11, 12], [18, 19]]
-    assert len(pieces(t, known, 0.05, fewest=4)) == 1
+    assert len(split_at_gaps(t, known, 0.05, min_samples=4)) == 1
 
 
 def test_slow_recordings_are_not_all_gaps() -> None:
     t = np.arange(20.0)
-    assert len(pieces(t, np.ones(20, dtype=bool), 0.05)) == 1
+    assert len(split_at_gaps(t, np.ones(20, dtype=bool), 0.05)) == 1

@@ -8,8 +8,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.numeric.array_libraries import (
-    apply,
-    check_tail,
+    apply_function,
+    check_sample_shape,
     foreign_components,
     is_foreign,
     library_of,
@@ -54,30 +54,30 @@ def test_components_are_taken_apart_and_joined() -> None:
     x, y = foreign_components("A", (A[0, :], 2), 2)
     assert x[0] == 0.25
     assert type(y) is float
-    joined = library.joined((A[0, :], 5.0), (2,), (2,))
-    assert np.asarray(joined).tolist() == [[0.25, 5.0], [1.0, 5.0]]
-    assert np.asarray(library.joined((A[0, 0],), (2,), ())).tolist() == [0.25, 0.25]
+    components = library.join_components((A[0, :], 5.0), (2,), (2,))
+    assert np.asarray(components).tolist() == [[0.25, 5.0], [1.0, 5.0]]
+    assert np.asarray(library.join_components((A[0, 0],), (2,), ())).tolist() == [0.25, 0.25]
     with pytest.raises(hp.ShapeError, match="A: expected a tuple of 3 components, got one of 2"):
         foreign_components("A", (A, A), 3)
 
 
 def test_the_last_axes_are_checked() -> None:
-    check_tail("A", A, 2)
-    check_tail("A", A, 2, 2)
+    check_sample_shape("A", A, 2)
+    check_sample_shape("A", A, 2, 2)
     for tail in ((3,), (2, 3), (2, 2, 2)):
         with pytest.raises(hp.ShapeError, match=r"A: expected shape \(..., .*got shape \(2, 2\)"):
-            check_tail("A", A, *tail)
+            check_sample_shape("A", A, *tail)
 
 
 def test_functions_are_those_of_the_library() -> None:
     x = np.asarray(A)
     for name, exact in {"sine": np.sin(x), "cosine": np.cos(x), "versine": 1 - np.cos(x)}.items():
-        found = apply(name, A)
+        found = apply_function(name, A)
         assert is_foreign(found)
         np.testing.assert_allclose(np.asarray(found), exact, rtol=1e-14)
-    tiny = apply("versine", strict.asarray([1e-9]))
+    tiny = apply_function("versine", strict.asarray([1e-9]))
     assert float(tiny[0]) == pytest.approx(5e-19, rel=1e-14)
-    assert float(apply("square_root", strict.asarray([2.25]))[0]) == 1.5
+    assert float(apply_function("square_root", strict.asarray([2.25]))[0]) == 1.5
 
 
 @pytest.mark.parametrize("swapped", [False, True])

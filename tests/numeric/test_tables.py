@@ -11,12 +11,12 @@ import pytest
 from hingepair.numeric.tables import (
     Sheet,
     Shown,
-    aligned,
-    cell,
+    align_columns,
+    cell_text,
     finite_or_none,
-    instant,
+    instant_text,
     json_text,
-    left_out,
+    left_out_remark,
     ruled_table,
     sheet_of,
     unit_of,
@@ -25,8 +25,8 @@ from hingepair.numeric.tables import (
 
 def test_columns_are_padded_and_lines_end_without_blanks() -> None:
     lines = [("name", "n", "word"), ("a", "10", "x"), ("long name", "2", "")]
-    assert aligned(lines, {1}) == ["name        n  word", "a          10  x", "long name   2"]
-    assert aligned(lines, ()) == ["name       n   word", "a          10  x", "long name  2"]
+    assert align_columns(lines, {1}) == ["name        n  word", "a          10  x", "long name   2"]
+    assert align_columns(lines, ()) == ["name       n   word", "a          10  x", "long name  2"]
 
 
 def test_tables_wider_than_the_line_go_on_below() -> None:
@@ -40,7 +40,7 @@ def test_tables_wider_than_the_line_go_on_below() -> None:
         *("", "       ccc", "----------", "row      3", "", "other  300"),
     ]
     assert "300" in "".join(ruled_table(lines, width=1))  # no cell is cut
-    assert ruled_table([("k", "u", "a", "b"), ("x", "m", "1", "2")], keys=2, width=8) == [
+    assert ruled_table([("k", "u", "a", "b"), ("x", "m", "1", "2")], key_columns=2, width=8) == [
         *("k  u  a", "-------", "x  m  1", "", "k  u  b", "-------", "x  m  2"),
     ]
 
@@ -54,11 +54,11 @@ def test_tables_wider_than_the_line_go_on_below() -> None:
     ],
 )
 def test_samples_that_were_left_out_are_said(skipped: int, words: str) -> None:
-    assert left_out(skipped, 20) == words
+    assert left_out_remark(skipped, 20) == words
 
 
 def test_late_instants_keep_their_digits() -> None:
-    assert [instant(t) for t in (0.0, 1 / 3, 99999.0, -1e5, 1763746391.25)] == [
+    assert [instant_text(t) for t in (0.0, 1 / 3, 99999.0, -1e5, 1763746391.25)] == [
         *("0", "0.333333", "99999", "-100000.0", "1763746391.25"),
     ]
 
@@ -87,7 +87,7 @@ def test_reports_in_json_hold_null_where_a_number_is_not_finite() -> None:
     ids=str,
 )
 def test_a_cell_is_short(value: object, text: str) -> None:
-    assert cell(value) == text
+    assert cell_text(value) == text
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ import pytest
 
 import hingepair as hp
 from hingepair.numeric.unit_vectors import (
-    by_power_of_two,
-    by_two_to,
     direction,
     finite_axis,
     polar,
+    scaled_by_power_of_two,
+    times_power_of_two,
     unit_axis,
 )
 from support.reference import DIGITS
@@ -76,21 +76,21 @@ def test_the_direction_of_zero_is_zero() -> None:
 
 
 def test_moderate_vectors_are_not_scaled_and_others_are_exactly() -> None:
-    assert by_power_of_two((2.0**-9, 3.0, -1023.0)) == ((2.0**-9, 3.0, -1023.0), 0)
+    assert scaled_by_power_of_two((2.0**-9, 3.0, -1023.0)) == ((2.0**-9, 3.0, -1023.0), 0)
     for v in ((2.0**-10, 0.0), (2.0**10, 1.0), (3e-320, 1e-324), (-1.7e308, 1e300)):
-        w, exponent = by_power_of_two(v)
+        w, exponent = scaled_by_power_of_two(v)
         assert 0.5 <= max(map(abs, w)) < 1
         for x, y in zip(v, w, strict=True):
             assert math.ldexp(y, exponent) == x or abs(y) < 2.0**-1000
-        arrays, exponents = by_power_of_two(tuple(np.array([x]) for x in v))
+        arrays, exponents = scaled_by_power_of_two(tuple(np.array([x]) for x in v))
         assert ([x[0] for x in arrays], exponents[0]) == (list(w), exponent)
 
 
 def test_products_with_powers_of_two_overflow_to_infinity() -> None:
-    assert by_two_to(-1.5, 2000) == -math.inf
-    assert by_two_to(1.5, 3) == 12.0
-    assert by_two_to(1.5, 0) == 1.5
-    assert by_two_to(np.array([1.5, -1.0]), np.array([1, 2])).tolist() == [3.0, -4.0]
+    assert times_power_of_two(-1.5, 2000) == -math.inf
+    assert times_power_of_two(1.5, 3) == 12.0
+    assert times_power_of_two(1.5, 0) == 1.5
+    assert times_power_of_two(np.array([1.5, -1.0]), np.array([1, 2])).tolist() == [3.0, -4.0]
 
 
 @pytest.mark.parametrize("n", [(0, 0, 0), [(1, 0, 0), (0, 0, 0)]], ids=["one", "one of two"])

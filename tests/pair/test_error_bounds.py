@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.numeric import bounded
-from hingepair.numeric.bounded import Double, Single
+from hingepair.numeric.bounded import BoundedDouble, BoundedSingle
 from hingepair.pair.accuracy import PROMISES
 from hingepair.rotations.sequences import SEQUENCES
 from support import reference, states
@@ -217,7 +217,7 @@ NUMBERS = (0.0, 1.0, -1.0, 0.7, -1.9, 1e-3, 3e200, -5e-310, 3e38)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", sparse([Double, Single], 2))
+@pytest.mark.parametrize("kind", sparse([BoundedDouble, BoundedSingle], 2))
 @pytest.mark.parametrize("operation", ["+", "-", "*", "/"])
 def test_a_bound_covers_the_worst_of_an_operation(operation, kind):
     """Operands as far off as their bounds allow, on either side, and then rounded: the bound, or little less."""
@@ -244,7 +244,7 @@ def test_a_bound_covers_the_worst_of_an_operation(operation, kind):
             assert got <= most, (x, y, i, j, got, float(most))
 
 
-@pytest.mark.parametrize("kind", [Double, Single])
+@pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
 def test_what_is_exact_has_no_bound(kind):
     """Sums with 0, products with 0, 1 and -1, negation."""
     x = kind(np.array([0.3, -1e-320, 5.0]), np.array([0.0, 0.0, 1e-9]))
@@ -253,7 +253,7 @@ def test_what_is_exact_has_no_bound(kind):
     assert np.array_equal((x * 0.0).bound, np.zeros(3))
 
 
-@pytest.mark.parametrize("kind", [Double, Single])
+@pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
 def test_nothing_is_known_of_what_rounding_may_decide(kind):
     """Which of two numbers is taken, and what is divided by a number that may be 0."""
     x = kind(np.array([3.0, -3.0, 1.0, np.nan]), np.array([1.0, 1.0, 1.0, 0.0]))

@@ -190,7 +190,7 @@ FAULTS = {
     ),
     "1 - cos psi for the versine": Fault(
         "numeric/blocks.py",
-        "np.where(cosine > SMALL, sine * sine / (1 + cosine), 1 - cosine)",
+        "np.where(cosine > VERSINE_SWITCH_COSINE, sine * sine / (1 + cosine), 1 - cosine)",
         "1 - cosine",
         "pair/test_accuracy.py::test_small_turn_through_the_pair[numpy]",
     ),
@@ -220,7 +220,7 @@ FAULTS = {
     ),
     "weights of a derivative in the wrong place": Fault(
         "numeric/finite_differences.py",
-        "found.append((-ratio * before * c0",
+        "weights.append((-ratio * before * c0",
         "found.append((ratio * before * c0",
         "rotations/test_angular_velocity.py::test_reference_example_at_a_millisecond",
     ),
@@ -716,24 +716,24 @@ FAULTS = {
         "numeric/bounded.py",
         "np.abs(x.value) * y.bound + np.abs(y.value) * x.bound",
         "np.abs(x.value) * y.bound",
-        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[*-Double]",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[*-BoundedDouble]",
     ),
     "rounding dropped from the bound of a sum": Fault(
         "numeric/bounded.py",
         "np.minimum(rounding, least))",
         "0.0)",
-        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-Double]",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-BoundedDouble]",
     ),
     "bounds that float32 never overflows": Fault(
         "numeric/bounded.py",
         "np.where(np.isinf(rounding), np.inf, np.minimum(rounding, least))",
         "np.minimum(rounding, least)",
-        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-Single]",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-BoundedSingle]",
     ),
     "bounds of sines that are right to a third of a last place": Fault(
         "numeric/bounded.py",
-        "SINE_ULPS = 1.5",
-        "SINE_ULPS = 0.33",
+        "MAX_SINE_ERROR_ULPS = 1.5",
+        "MAX_SINE_ERROR_ULPS = 0.33",
         "pair/test_error_bounds.py::test_sines_are_as_good_as_the_bounds_take_them[float64]",
     ),
     "rounding of axis and levers dropped from the bounds": Fault(
@@ -1084,7 +1084,7 @@ FAULTS = {
     ),
     "every angle taken for a wrapped one": Fault(
         "numeric/wrapped_angles.py",
-        "np.ptp(known) <= _MAX_SPAN * turn and jumps.max()",
+        "np.ptp(known) <= _MAX_WRAPPED_SPAN_TURNS * turn and jumps.max()",
         "jumps.max()",
         "numeric/test_wrapped_angles.py::test_other_angles_are_left_alone[5 rad a sample]",
     ),
@@ -1153,7 +1153,7 @@ FAULTS = {
         "numeric/bounded.py",
         "np.where(unsure, np.inf, 0.0)",
         "np.where(unsure, 0.0, 0.0)",
-        "pair/test_error_bounds.py::test_nothing_is_known_of_what_rounding_may_decide[Double]",
+        "pair/test_error_bounds.py::test_nothing_is_known_of_what_rounding_may_decide[BoundedDouble]",
     ),
     "a free base that needs its acceleration to find it": Fault(
         "plans/trees.py",

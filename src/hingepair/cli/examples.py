@@ -10,7 +10,7 @@ import typer
 
 from hingepair.cli.output import make_console
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.numeric.tables import aligned
+from hingepair.numeric.tables import align_columns
 
 ALL_EXAMPLES = "all"
 """The name that stands for every example."""
@@ -35,7 +35,7 @@ def examples_command(
     scenes = {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
     if name is None:
         rows = [("example", "description"), *((one, _read_toml(path)["title"]) for one, path in scenes.items())]
-        lines = [*aligned(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
+        lines = [*align_columns(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
         make_console().print(*lines, sep="\n")
         return
     if name != ALL_EXAMPLES and name not in scenes:

@@ -14,7 +14,7 @@ from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Tree
-from hingepair.numeric.tables import aligned, json_text
+from hingepair.numeric.tables import align_columns, json_text
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGES, SLIDERS, JointRecord, MimicRecord, Robot
@@ -57,13 +57,13 @@ def robots_command(
     if name is None:
         rows = [_count_joints(robot) for robot in robot_names()]
         report: Any = rows
-        lines = aligned(
+        lines = align_columns(
             [COUNT_COLUMNS, *(tuple(str(row[key]) for key in COUNT_COLUMNS) for row in rows)], {1, 2, 3, 4}
         )
     else:
         report = _describe_robot(name)
         table = (
-            aligned([JOINT_COLUMNS, *map(_joint_cells, report["joints"])], _NUMBER_COLUMNS)
+            align_columns([JOINT_COLUMNS, *map(_joint_cells, report["joints"])], _NUMBER_COLUMNS)
             if report["joints"]
             else []
         )

@@ -27,7 +27,7 @@ from hingepair.cli.output import (
 from hingepair.cli.pairs import load_named_robot, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
-from hingepair.numeric.tables import instant, json_text, unit_of
+from hingepair.numeric.tables import instant_text, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import RESULT_SUFFIXES, check_ending, column_names, result_file
 from hingepair.scenes.mechanisms.forces import load_rows
@@ -232,7 +232,7 @@ def _component_rows(rows: dict[str, dict[str, float]], noise: bool = False) -> l
     lines: list[tuple[str, ...]] = [headings]
     for name, (*sizes, t, noises) in ((name, _component_cells(row)) for name, row in rows.items()):
         numbers = (f"{value + 0.0:.5g}" for value in sizes)
-        lines.append((name, unit_of(name), *numbers, instant(t), *(f"{value:.2g}" for value in noises)))
+        lines.append((name, unit_of(name), *numbers, instant_text(t), *(f"{value:.2g}" for value in noises)))
     return lines
 
 
@@ -299,7 +299,7 @@ def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
         names = printable(", ".join(moving)) or "none"
         screen.print(f"{printable(robot.name)}: {robot.dof} joints, {robot.base} base; moving: {names}{resting_text}")
     plural = "s" * (scene.samples != 1)
-    t = f"t = {instant(scene.start)} to {instant(scene.stop)} s"
+    t = f"t = {instant_text(scene.start)} to {instant_text(scene.stop)} s"
     screen.print(f"{scene.samples} instant{plural}, {t}; {origin}")
 
 

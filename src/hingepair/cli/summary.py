@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.tables import instant
+from hingepair.numeric.tables import instant_text
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
@@ -99,7 +99,7 @@ class RunSummary:
             [f"{cell + 0.0:.6g}" for cell in values]
             for values in (*self._values_at_instants, self._smallest, self._largest)
         ]
-        heading = ("", "unit", *(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
+        heading = ("", "unit", *(f"t = {instant_text(t)}" for t in self._t), "smallest", "largest")
         rows = zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)
         hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITIES}
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]

@@ -368,7 +368,7 @@ class Call:
         arrays = {}
         for name, tail in self.loop.outputs:
             if name in self.outputs:
-                arrays[name] = library.joined(components[name], shape, tail)
+                arrays[name] = library.join_components(components[name], shape, tail)
         return self._make_result(arrays, shape)
 
     # ---- limits

@@ -49,7 +49,7 @@ from hingepair.engine.trace import (
 )
 from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.numeric.array_libraries import Library
-from hingepair.numeric.arrays import Block, load, split
+from hingepair.numeric.arrays import Block, load, split_into_blocks
 
 if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
@@ -234,7 +234,7 @@ class Program:
             run_kernel(kernel.run, layout, bound.arrays, targets, constants, execution.workers, chained)
         else:  # in blocks, so that the converted copies take little memory
             sample_bytes = dtype.itemsize * sum(array.shape[-1] for array in bound.arrays)
-            for block in split(shape, max(1, _MAX_CONVERTED_BYTES // sample_bytes)):
+            for block in split_into_blocks(shape, max(1, _MAX_CONVERTED_BYTES // sample_bytes)):
                 converted = [load(array, (*block, slice(array.shape[-1])), dtype) for array in bound.arrays]
                 buffers = {name: array[block] for name, array in out.items()}
                 block_shape = tuple(axis.stop - axis.start for axis in block)
@@ -354,7 +354,7 @@ class Program:
                     for output, result in zip(outputs, results, strict=True):
                         output[block] = result
 
-        blocks: list[Block] = [*split(shape, _NUMPY_BLOCK_SAMPLES)] if inputs else [()]
+        blocks: list[Block] = [*split_into_blocks(shape, _NUMPY_BLOCK_SAMPLES)] if inputs else [()]
         workers = min(workers, len(blocks))
         run_in_threads(run_blocks, [blocks[i::workers] for i in range(workers)])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
-from hingepair.numeric.blocks import SMALL, versine, versines
+from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, versine, versines
 
 _MAX_LINE_LENGTH = 110  # number of characters of a generated line of arguments or results
 _MAX_EXPRESSION_LENGTH = 300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
@@ -95,7 +95,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         """Return 1 - cos from a sine and a cosine, without cancellation and with finite derivatives."""
         if not is_foreign(c):
             return versine(s, c)
-        near = c > SMALL
+        near = c > VERSINE_SWITCH_COSINE
         # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
         return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
 

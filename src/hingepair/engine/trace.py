@@ -171,7 +171,7 @@ def square_root(x: Any) -> Any:
     """Return the square root of a traced value, a number, or an array."""
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
-    return array_libraries.apply("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
+    return array_libraries.apply_function("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:

@@ -15,7 +15,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
-from hingepair.numeric.tables import instant
+from hingepair.numeric.tables import instant_text
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
@@ -200,7 +200,7 @@ def describe_instants(t: NDArray[np.float64]) -> str:
     >>> describe_instants(np.linspace(0, 2, 5))
     'samples=5, t=0..2'
     """
-    return f"samples={len(t)}, t={instant(t[0])}..{instant(t[-1])}" if len(t) else "samples=0"
+    return f"samples={len(t)}, t={instant_text(t[0])}..{instant_text(t[-1])}" if len(t) else "samples=0"
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
 from hingepair.measured.spline import FEWEST
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.instants import pieces
+from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
@@ -56,7 +56,7 @@ class ClockedPoses:
     @staticmethod
     def possible(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether there are enough samples of body 2 in a row to smooth it."""
-        return bool(pieces(t, known2, _MAX_GAP, FEWEST))
+        return bool(split_at_gaps(t, known2, _MAX_GAP, FEWEST))
 
     def rows(self, offset: float, most: int | None = None) -> NDArray[np.intp]:
         """Return which samples of body 1 have a sample of body 2 at the same time."""

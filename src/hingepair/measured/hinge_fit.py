@@ -38,7 +38,7 @@ from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.spline import FEWEST
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
-from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
+from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_vector
@@ -210,7 +210,9 @@ class HingeFit(Shown):
 
     def _sheet(self) -> Sheet:
         names = ("u1", "u2", "n", "home")
-        rows = [(name, cell(getattr(self.pair, name)), cell(self.std[name]), unit_of(name)) for name in names]
+        rows = [
+            (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
+        ]
         return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
 
     @staticmethod

@@ -26,7 +26,7 @@ from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
-from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
+from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
 from hingepair.numeric.suspicions import accelerometer_suspicions, gyroscope_suspicions
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
@@ -244,7 +244,7 @@ def fit_anchor(
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    where = pieces(time, known, checked_gaps(gaps), FEWEST)
+    where = split_at_gaps(time, known, checked_gaps(gaps), FEWEST)
     if not where:
         raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
     used = np.concatenate(where)

@@ -20,7 +20,7 @@ from hingepair.measured.inertial import acceleration_matrices, checked_recording
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
-from hingepair.numeric.instants import checked_gaps, pieces
+from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
 _SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
@@ -105,7 +105,7 @@ def fit_angle(
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
     longest = checked_gaps(gaps)
-    where = pieces(time, known, longest, FEWEST)
+    where = split_at_gaps(time, known, longest, FEWEST)
     if not where:
         raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
     used = np.concatenate(where)

@@ -14,7 +14,7 @@ from hingepair.numeric.instants import (
     checked_gaps,
     elapsed_seconds,
     increasing_seconds,
-    pieces,
+    split_at_gaps,
     warn_of_measurements,
 )
 from hingepair.numeric.suspicions import instant_suspicions
@@ -128,7 +128,7 @@ def interpolated(
     """Return columns, or rotations, at other instants; `increasing_seconds` returned the instants t."""
     found = np.full((to.size, *values.shape[1:]), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    where = pieces(t, known, gaps)
+    where = split_at_gaps(t, known, gaps)
     if not where:
         return found
     there, sizes = np.concatenate(where), np.array([len(piece) for piece in where])

@@ -24,7 +24,7 @@ from hingepair.numeric.instants import (
     checked_gaps,
     increasing_seconds,
     jitter_suspicions,
-    pieces,
+    split_at_gaps,
     warn_of_measurements,
 )
 from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
@@ -288,7 +288,7 @@ def _smooth_angle(
 def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
     """Return the rows of each piece of a recording between gaps; refuse a recording of short pieces alone."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    found = pieces(t, known, gaps, FEWEST)
+    found = split_at_gaps(t, known, gaps, FEWEST)
     if not found:
         expected = f"at least {FEWEST} finite samples without a gap"
         raise ArgumentError(name, expected, f"{int(known.sum())} finite samples, none so many together")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
-from hingepair.numeric.array_libraries import Library, check_tail, is_foreign, library_of
+from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.forward_kinematics import component
@@ -121,7 +121,7 @@ def read_coordinates(
     if isinstance(value, Mapping):
         return _read_by_joint(name, value, names)
     if library is not None and is_foreign(value):
-        check_tail(name, value, len(names))
+        check_sample_shape(name, value, len(names))
         return tuple(value[..., k] for k in range(len(names))), tuple(value.shape[:-1])
     try:
         array = vectors(name, value, len(names))
@@ -137,7 +137,7 @@ def coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[st
     """Return a table's columns of coordinates, derivatives or efforts, in the order of q."""
     endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
     families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
-    return columns_by_name(name, table, families, alone=names)
+    return columns_by_name(name, table, families, last_family=names)
 
 
 def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
@@ -184,7 +184,7 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
     if is_foreign(value):
-        check_tail(name, value, 3)
+        check_sample_shape(name, value, 3)
         return value, tuple(value.shape[:-1])
     array = vectors(name, value, 3)
     return array, array.shape[:-1]

@@ -16,7 +16,7 @@ from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.slider import Slider
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.tables import Sheet, aligned, cell
+from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
@@ -282,7 +282,7 @@ class Mechanism(MechanismMethods):
 
     def __str__(self) -> str:
         title, rows, notes = self._sheet()
-        return "\n".join((title, *aligned(rows, {4, 5, 6, 7, 8, 10}), *notes))
+        return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, 10}), *notes))
 
     def _sheet(self) -> Sheet:
         """Return the table of the moving joints: title, rows and notes."""
@@ -294,10 +294,10 @@ class Mechanism(MechanismMethods):
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
-            shown = ("" if np.isinf(limit) else cell(limit) for limit in limits)
+            shown = ("" if np.isinf(limit) else cell_text(limit) for limit in limits)
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
-            rotor = (cell(joint.armature),) if geared else ()
-            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), follows, *rotor))
+            rotor = (cell_text(joint.armature),) if geared else ()
+            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *rotor))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         return Sheet(title, rows, self.tree.notes)
 

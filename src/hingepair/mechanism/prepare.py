@@ -20,7 +20,7 @@ from hingepair.mechanism.arguments import (
     read_coordinates,
 )
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.numeric.array_libraries import check_tail
+from hingepair.numeric.array_libraries import check_sample_shape
 from hingepair.numeric.arrays import vectors
 
 ARGUMENTS_BY_NAME: Final = {
@@ -135,7 +135,7 @@ class PreparedMechanism:
                 parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
                 continue
             if library is not None:
-                check_tail(name, value, *tails[name])
+                check_sample_shape(name, value, *tails[name])
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
         return self._computation.run(

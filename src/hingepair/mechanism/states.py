@@ -12,7 +12,7 @@ import numpy as np
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
-from hingepair.numeric.tables import Sheet, aligned, cell
+from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.results import column_names, needed_package
 
 # Docstrings of the outputs of motion, by name.
@@ -157,12 +157,12 @@ class JointResults(Results):
         table, _, columns = self._table()
         shown = "value" if self.shape == () else "largest size"
         sizes = table[0] if self.shape == () else np.abs(table).max(axis=0, initial=0.0)
-        rows = ((name, cell(size)) for name, size in zip(columns, sizes.tolist(), strict=True))
+        rows = ((name, cell_text(size)) for name, size in zip(columns, sizes.tolist(), strict=True))
         return Sheet(f"{type(self).__name__}, shape {self.shape}", (("", shown), *rows))
 
     def __str__(self) -> str:
         title, rows, _ = self._sheet()
-        return "\n".join((title, *aligned(rows, {1})))
+        return "\n".join((title, *align_columns(rows, {1})))
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), "names", "to_dataframe"]

@@ -16,11 +16,11 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 ForeignArray: TypeAlias = Any
 
 # Types that need no look at array libraries: of NumPy and of Python.
-_NATIVE_TYPES = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
+_NUMPY_AND_PYTHON_TYPES = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
 
 
 class Library(NamedTuple):
-    """Array library other than NumPy, with the type and device of its arrays.
+    """Array library other than NumPy, with the dtype and the device that its arrays are computed with.
 
     Attributes:
         name: of the library.
@@ -35,15 +35,21 @@ class Library(NamedTuple):
     device: Any
 
     def array(self, value: Any) -> ForeignArray:
-        """Return a number or a NumPy array as an array of the library, and an array of the library as it is."""
+        """Return a number or a NumPy array as an array of this library, with its dtype and on its device. Return an
+        array of another library than NumPy as it is.
+        """
         if is_foreign(value):
             return value
         return self.namespace.asarray(value, dtype=self.dtype, device=self.device)
 
-    def joined(self, components: tuple[Any, ...], shape: tuple[int, ...], tail: tuple[int, ...]) -> ForeignArray:
-        """Return one array of all samples with the components last, from components that broadcast to the samples."""
+    def join_components(
+        self, components: tuple[Any, ...], shape: tuple[int, ...], sample_shape: tuple[int, ...]
+    ) -> ForeignArray:
+        """Stack components into one array of this library, of shape (*shape, *sample_shape). Each component is first
+        broadcast to `shape`, the shape of the samples.
+        """
         parts = [self.namespace.broadcast_to(self.array(c), shape) for c in components]
-        if not tail:
+        if not sample_shape:
             return parts[0]
         if self.name == "jax" and type(parts[0]).__name__.endswith("Tracer"):
             # XLA computes what components share again for each element of what is stacked: 200 times the time.
@@ -52,12 +58,12 @@ class Library(NamedTuple):
                 array = array.at[..., k].set(part)
         else:
             array = self.namespace.stack(parts, axis=-1)
-        return self.namespace.reshape(array, (*shape, *tail))
+        return self.namespace.reshape(array, (*shape, *sample_shape))
 
 
 def is_foreign(value: Any) -> bool:
     """Return whether a value is an array of another library than NumPy."""
-    if isinstance(value, _NATIVE_TYPES) or not (
+    if isinstance(value, _NUMPY_AND_PYTHON_TYPES) or not (
         hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")
     ):
         return False
@@ -66,14 +72,15 @@ def is_foreign(value: Any) -> bool:
     return bool(is_array_api_obj(value))
 
 
-def library_of(given: Mapping[str, Any]) -> Library | None:
-    """Return the library that arguments by name are arrays of, or None where all are NumPy arrays or numbers.
+def library_of(arguments: Mapping[str, Any]) -> Library | None:
+    """Return the array library of the arguments, a mapping from name to value; None where all are NumPy arrays or
+    numbers. Raise ArgumentError for arrays of two libraries, DtypeError for another dtype than float32 and float64.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
         DtypeError: arrays of another library are neither float32 nor float64.
     """
-    foreign = {name: value for name, value in given.items() if is_foreign(value)}
+    foreign = {name: value for name, value in arguments.items() if is_foreign(value)}
     if not foreign:
         return None
     from array_api_compat import array_namespace, device
@@ -81,7 +88,7 @@ def library_of(given: Mapping[str, Any]) -> Library | None:
     first, one = next(iter(foreign.items()))
     namespace = array_namespace(one)
     name = _name_of(one)
-    for other, value in given.items():
+    for other, value in arguments.items():
         if other in foreign:
             same = array_namespace(value) is namespace
         else:
@@ -99,35 +106,38 @@ def library_of(given: Mapping[str, Any]) -> Library | None:
     return Library(name, namespace, namespace.result_type(*dtypes), place)
 
 
-def foreign_components(name: str, value: Any, *tail: int) -> tuple[Any, ...]:
-    """Return the components of an array of shape (..., *tail), row by row, or those of a tuple, as a tuple."""
-    count = math.prod(tail)
+def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
+    """Return the components of an array of another library than NumPy as a tuple, those of matrices row by row. Of a
+    tuple of components check the length, and raise ShapeError where it is another.
+    """
+    count = math.prod(sample_shape)
     if isinstance(value, tuple):
         if len(value) != count:
             raise ShapeError(name, f"a tuple of {count} components", f"one of {len(value)}")
         return tuple(c if is_foreign(c) else float(c) for c in value)
-    check_tail(name, value, *tail)
-    if len(tail) == 1:
-        return tuple(value[..., i] for i in range(tail[0]))
-    return tuple(value[..., i, j] for i in range(tail[0]) for j in range(tail[1]))
+    check_sample_shape(name, value, *sample_shape)
+    if len(sample_shape) == 1:
+        return tuple(value[..., i] for i in range(sample_shape[0]))
+    return tuple(value[..., i, j] for i in range(sample_shape[0]) for j in range(sample_shape[1]))
 
 
-def check_tail(name: str, array: ForeignArray, *tail: int) -> None:
-    """Refuse an array that is not of shape (..., *tail)."""
+def check_sample_shape(name: str, array: ForeignArray, *sample_shape: int) -> None:
+    """Raise ShapeError unless the last axes of an array have the given shape."""
     shape = tuple(array.shape)
-    if shape[max(0, len(shape) - len(tail)) :] != tail:
-        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {shape}")
+    if shape[max(0, len(shape) - len(sample_shape)) :] != sample_shape:
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {shape}")
 
 
-def apply(function: str, x: ForeignArray) -> ForeignArray:
-    """Return the sine, cosine, versine or square root of an array of another library.
+def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
+    """Return the function named "sine", "cosine", "versine" or "square_root" of an array of another library than
+    NumPy.
 
     The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
     """
-    if function == "versine":
-        half = apply("sine", 0.5 * x)
+    if function_name == "versine":
+        half = apply_function("sine", 0.5 * x)
         return 2.0 * half * half
-    return getattr(_namespace(x), {"sine": "sin", "cosine": "cos", "square_root": "sqrt"}[function])(x)
+    return getattr(_namespace(x), {"sine": "sin", "cosine": "cos", "square_root": "sqrt"}[function_name])(x)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:

@@ -22,11 +22,12 @@ FLOAT64_DTYPE: Final = np.dtype(np.float64)
 """The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
 
 # What messages say of the dtypes that are accepted.
-_ACCEPTED_DTYPES = "real numbers (float64, float32 or integers)"
+_ACCEPTED_DTYPES_MESSAGE = "real numbers (float64, float32 or integers)"
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return the value as an array of float64, float32 or integers, without a copy where it is one already.
+    """Return the value as a NumPy array of float64, float32 or integers, without a copy where it is one already.
+    Raise DtypeError for other kinds of number and for tables, ShapeError for lists of unequal length.
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
@@ -48,21 +49,23 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
-    raise DtypeError(name, _ACCEPTED_DTYPES, _describe(array))
+    raise DtypeError(name, _ACCEPTED_DTYPES_MESSAGE, _describe(array))
 
 
-def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
-    """Return the value as an array of shape (..., *tail); of a table, the columns whose names end in x, y, z."""
-    if is_table(value) and len(tail) == 1:
-        letters = name.removeprefix("quat_") if tail == (4,) else "xyz"[: tail[0]]
+def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
+    """Return the value as a NumPy array whose last axes have the given shape; raise ShapeError for another shape. Of
+    a data frame, take the columns whose names end in x, y, z.
+    """
+    if is_table(value) and len(sample_shape) == 1:
+        letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
         endings = {column[-1:]: column for column in map(str, value.columns)}
         columns = columns_by_name(name, value, [tuple(endings.get(letter, letter) for letter in letters)])
         value = np.stack([*columns.values()], axis=-1)
     array = real_array(name, value)
-    if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
-        transposed = len(tail) == 1 and array.ndim == 2 and array.shape[0] == tail[0]
+    if array.ndim < len(sample_shape) or array.shape[array.ndim - len(sample_shape) :] != sample_shape:
+        transposed = len(sample_shape) == 1 and array.ndim == 2 and array.shape[0] == sample_shape[0]
         hint = " (transpose it: .T)" if transposed else ""
-        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}{hint}")
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {array.shape}{hint}")
     return array
 
 
@@ -75,10 +78,11 @@ def columns_by_name(
     name: str,
     table: Any,
     families: Sequence[tuple[str, ...]],
-    others: Collection[str] = (),
-    alone: tuple[str, ...] = (),
+    optional_names: Collection[str] = (),
+    last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a data frame that make one complete family of names, in the order of the family.
+    """Return the columns of a data frame by name, in the order of the first family (a tuple of names) that the table
+    has completely. Raise ArgumentError where no family is complete or a column has another name.
 
     No column is copied where the table holds its columns one by one.
 
@@ -86,17 +90,17 @@ def columns_by_name(
         name: of the argument, for messages.
         table: a data frame.
         families: the names of the columns that are needed; the first family that the table has is taken.
-        others: names of columns that may be there as well, beside t and those of the other families.
-        alone: a last family, of names that are other things elsewhere; taken where the table has nothing else.
+        optional_names: names of columns that may be there as well, beside t and those of the other families.
+        last_family: a family that is taken only where the table has no other columns.
 
     Raises:
         ArgumentError: no family is complete, a name comes twice, or a column has another name.
     """
     names = [str(column) for column in table.columns]
-    known = {"t", *others}.union(*families)
+    known = {"t", *optional_names}.union(*families)
     family = next((family for family in families if set(family) <= set(names)), None)
-    if family is None and set(alone) == set(names):
-        family, known = alone, set(alone)
+    if family is None and set(last_family) == set(names):
+        family, known = last_family, set(last_family)
     if family is None or len(set(names)) < len(names) or not known.issuperset(names):
         wanted = " or ".join(", ".join(family) for family in families)
         expected = f"the columns {wanted}, in any order (without names: .to_numpy())"
@@ -104,20 +108,24 @@ def columns_by_name(
     return {column: np.asarray(table[table.columns[names.index(column)]].to_numpy()) for column in family}
 
 
-def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value of shape (..., *tail); refuse numbers that are not finite."""
-    array = np.array(vectors(name, value, *tail), dtype=np.float64, order="C")
+def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
+    """Return a read-only float64 copy of a value whose last axes have the given shape. Raise ShapeError for another
+    shape, ArgumentError for numbers that are not finite.
+    """
+    array = np.array(vectors(name, value, *sample_shape), dtype=np.float64, order="C")
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", value)
     return read_only(array)
 
 
-def one_constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value of exactly the shape `tail`; refuse numbers that are not finite."""
+def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
+    """Return a read-only float64 copy of a value of exactly the given shape. Raise ShapeError for another shape,
+    ArgumentError for numbers that are not finite.
+    """
     array = real_array(name, value)
-    if array.shape != tail:
-        raise ShapeError(name, f"shape {tail}", f"shape {array.shape}")
-    return constant(name, array, *tail)
+    if array.shape != sample_shape:
+        raise ShapeError(name, f"shape {sample_shape}", f"shape {array.shape}")
+    return constant(name, array, *sample_shape)
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -128,7 +136,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 class Frozen:
-    """A frozen dataclass whose arrays are read-only in copies and pickles too."""
+    """Base class of frozen dataclasses whose arrays stay read-only in copies and pickles."""
 
     __slots__ = ()
 
@@ -137,10 +145,12 @@ class Frozen:
         return _frozen, (type(self), values)
 
 
-def _frozen(kind: type, values: dict[str, Any]) -> Any:
-    """Return an instance of a frozen class with these attributes, arrays read-only; no constructor is called."""
-    value: Any = object.__new__(kind)
-    for name, attribute in values.items():
+def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
+    """Return an instance of a frozen class with the given attributes, without a call of its constructor. Arrays among
+    the attributes are made read-only in place.
+    """
+    value: Any = object.__new__(frozen_class)
+    for name, attribute in attributes.items():
         if isinstance(attribute, np.ndarray):
             attribute.flags.writeable = False  # of the array itself: what refers to it elsewhere refers to it still
         object.__setattr__(value, name, attribute)
@@ -153,7 +163,8 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the common leading shape of named arguments.
+    """Return the shape to which the shapes of named arguments broadcast. Raise ShapeError that names the first
+    argument that does not fit those before it.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.
@@ -180,15 +191,16 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
     return np.dtype(np.float64)
 
 
-def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
-    """Yield slices that cover an array of this shape in blocks of about `size` elements, last axes whole.
+def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block]:
+    """Yield blocks that cover an array of the given shape, each a tuple of one slice per axis with about `block_size`
+    elements. The last axes are cut only where they are longer than a block.
 
-    >>> [tuple((s.start, s.stop) for s in block) for block in split((2, 3), 4)]
+    >>> [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]
     """
     axis = len(shape)
     inner = 1
-    while axis > 0 and inner * shape[axis - 1] <= size:
+    while axis > 0 and inner * shape[axis - 1] <= block_size:
         axis -= 1
         inner *= shape[axis]
     if 0 in shape:
@@ -197,7 +209,7 @@ def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
     if axis == 0:
         yield whole
         return
-    step = max(1, size // inner)
+    step = max(1, block_size // inner)
     steps = [slice(i, min(i + step, shape[axis - 1])) for i in range(0, shape[axis - 1], step)]
     for index in itertools.product(*(range(n) for n in shape[: axis - 1])):
         outer = tuple(slice(i, i + 1) for i in index)
@@ -206,7 +218,9 @@ def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """Return a block of a component as a contiguous array of a dtype; a scalar is returned as it is."""
+    """Return the part of a component that a block (a tuple of slices) selects, as a contiguous array of a dtype; axes
+    of length 1 are taken whole. A scalar is returned as it is.
+    """
     if not isinstance(component, np.ndarray):
         return component
     fitting = zip(block[len(block) - component.ndim :], component.shape, strict=True)
@@ -214,16 +228,18 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
     return np.ascontiguousarray(part, dtype=dtype)
 
 
-def check_choice(name: str, value: object, known: Iterable[str]) -> None:
-    """Refuse a value that is not one of the known names, and list these."""
-    if not isinstance(value, str) or value not in known:
-        names = tuple(known)
+def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None:
+    """Raise ArgumentError, with a list of the allowed names, unless the value is one of them."""
+    if not isinstance(value, str) or value not in allowed_names:
+        names = tuple(allowed_names)
         near = nearest(value, names) if isinstance(value, str) else ""
         raise ArgumentError(name, choices(names) + near, quoted(value))
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return the value as a finite float; refuse bool and text."""
+    """Return the value as a finite float. Raise ArgumentError for bool, text, arrays and for numbers that are not
+    finite.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
     try:
@@ -236,7 +252,7 @@ def finite_number(name: str, value: object) -> float:
 
 
 def number_not_below_0(name: str, value: object) -> float:
-    """Return the value as a finite float of at least 0."""
+    """Return the value as a finite float of at least 0; raise ArgumentError for any other value."""
     number = finite_number(name, value)
     if number < 0:
         raise ArgumentError(name, "a number not below 0", value)

@@ -11,20 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric import array_libraries
-from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, split
+from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, split_into_blocks
 
 Components: TypeAlias = tuple[Component, ...]
 Named: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
-SMALL = 0.7
+VERSINE_SWITCH_COSINE = 0.7
 """Where the cosine of a turn is above this, 1 - cos is taken from the sine."""
 
-BLOCK = 4096
+SAMPLES_PER_BLOCK = 4096
 """Samples a block: 32 kB a component, so that what a block computes on the way stays in the cache."""
 
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return the components of vectors (rank 1) or matrices (rank 2, row by row) as views."""
+    """Return a tuple of views of the components of vectors (rank 1), or of matrices row by row (rank 2); those are
+    the last axes of the array.
+    """
     if rank == 2:
         rows, columns = array.shape[-2:]
         return tuple(array[..., i, j] for i in range(rows) for j in range(columns))
@@ -39,21 +41,22 @@ def numbers(array: NDArray[Any], rank: int = 1) -> Components:
 def tabulate(
     function: Callable[[Named], Mapping[str, Any]],
     inputs: Named,
-    tails: Mapping[str, tuple[int, ...]],
+    sample_shapes: Mapping[str, tuple[int, ...]],
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
-    """Run a function of components over all samples, and return its results as new arrays by name.
+    """Evaluate a function of components for all samples, block by block, and return its results as new arrays by
+    name. `sample_shapes` holds the shape of one sample of each result.
 
     `function` takes and returns components by name. A component of one element reaches it as a number, so that
     what depends on such alone costs nothing per sample, and a single sample costs no array at all.
     """
-    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    out = {name: np.empty((*shape, *sample_shape), dtype) for name, sample_shape in sample_shapes.items()}
     targets = {name: _output_components(array, len(shape)) for name, array in out.items()}
     values = {name: _map_components(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
     moving = {name: group for name, group in values.items() if _holds_array(group)}
     with np.errstate(all="ignore"):
-        for block in split(shape, BLOCK) if moving else [()]:
+        for block in split_into_blocks(shape, SAMPLES_PER_BLOCK) if moving else [()]:
             part = functools.partial(load, block=block, dtype=dtype)
             loaded = {name: _map_components(group, part) for name, group in moving.items()}
             _store(function({**values, **loaded}), targets, block)
@@ -61,27 +64,33 @@ def tabulate(
 
 
 def tabulate_one(
-    function: Callable[[Named], Any], inputs: Named, tail: tuple[int, ...], dtype: np.dtype[Any]
+    function: Callable[[Named], Any], inputs: Named, sample_shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
-    """Run a function of components over all samples, and return its only result as a new array.
+    """Evaluate a function of components for all samples and return its only result as a new array, of shape (...,
+    *sample_shape). Raise ShapeError where the inputs do not broadcast.
 
     Raises:
         ShapeError: the inputs do not broadcast.
     """
     groups = {name: group if isinstance(group, tuple) else (group,) for name, group in inputs.items()}
     shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
-    return tabulate(lambda values: {"result": function(values)}, inputs, {"result": tail}, shape, dtype)["result"]
+    results = tabulate(lambda values: {"result": function(values)}, inputs, {"result": sample_shape}, shape, dtype)
+    return results["result"]
 
 
 def sine(x: Component) -> Component:
-    """Return the sine of a float, a NumPy scalar, an array or other number; NaN where x is infinite."""
+    """Return the sine of a float, a NumPy scalar, an array, or a value with a method `sine` of its own; NaN where x
+    is infinite.
+    """
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
     return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "sine")
 
 
 def cosine(x: Component) -> Component:
-    """Return the cosine of a float, a NumPy scalar, an array or other number; NaN where x is infinite."""
+    """Return the cosine of a float, a NumPy scalar, an array, or a value with a method `cosine` of its own; NaN where
+    x is infinite.
+    """
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
     return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "cosine")
@@ -98,7 +107,9 @@ def turn_terms(phi1: Component) -> Components:
 
 
 def hinge_terms(psi: Component) -> Components:
-    """Return (sin psi, 1 - cos psi, cos psi); at small psi 1 - cos psi comes from the sine and keeps its digits."""
+    """Return the tuple (sin psi, 1 - cos psi, cos psi). At small psi 1 - cos psi is computed from the sine, which
+    keeps its digits.
+    """
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, _own(psi, "versine"), c
@@ -107,12 +118,12 @@ def hinge_terms(psi: Component) -> Components:
 
 def versine(sine: float, cosine: float) -> float:
     """Return 1 - cos of an angle as a float, from the sine and cosine of the angle."""
-    return sine * sine / (1 + cosine) if cosine > SMALL else 1 - cosine
+    return sine * sine / (1 + cosine) if cosine > VERSINE_SWITCH_COSINE else 1 - cosine
 
 
 def versines(sine: Component, cosine: Component) -> Component:
     """Return 1 - cos of angles as an array, from the sines and cosines of the angles."""
-    return np.where(cosine > SMALL, sine * sine / (1 + cosine), 1 - cosine)
+    return np.where(cosine > VERSINE_SWITCH_COSINE, sine * sine / (1 + cosine), 1 - cosine)
 
 
 def hinge_cosine(hinge: Components) -> Component:
@@ -123,7 +134,7 @@ def hinge_cosine(hinge: Components) -> Component:
 def _own(x: Component, function: str) -> Component:
     """Return a function of a value by the value's own method, or by the library that the value is an array of."""
     method = getattr(x, function, None)
-    return array_libraries.apply(function, x) if method is None else method()
+    return array_libraries.apply_function(function, x) if method is None else method()
 
 
 def _map_components(group: Any, change: Callable[[Component], Component]) -> Any:
@@ -135,7 +146,9 @@ def _holds_array(group: Any) -> bool:
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
-    """Return a component of one element as a number of the dtype (a Python float for float64), else as it is."""
+    """Return an array of one element, or a number, as a number of the dtype (a Python float for float64). Return any
+    other array as it is.
+    """
     if isinstance(component, np.ndarray):
         if component.size != 1:
             return component
@@ -150,7 +163,9 @@ def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
 
 
 def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
-    """Copy the results of one block of samples into the output arrays, by components where those are separate."""
+    """Copy the results of one block of samples into that block of the output arrays. An output is one array, or a
+    tuple of views of its components.
+    """
     for name, target in targets.items():
         result = results[name]
         if isinstance(target, tuple):

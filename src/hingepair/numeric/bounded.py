@@ -15,22 +15,23 @@ import numpy as np
 
 from hingepair.numeric.arrays import Component
 
-SINE_ULPS = 1.5
+MAX_SINE_ERROR_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
-_SAFETY_STEPS = 1024
+_NUM_ROUNDINGS_IN_SAFETY_FACTOR = 1024
 """Roundings in the precision that is bounded that the safety factor of a bound covers."""
 
 UNIT_ROUNDOFF: Final = 2.0**-53
 """Largest relative error u of a rounding to double precision."""
 
-_OWN_ROUNDING = 2.0**16 * UNIT_ROUNDOFF
+_BOUND_ARITHMETIC_RELATIVE_ERROR = 2.0**16 * UNIT_ROUNDOFF
 """Rounding of the bound's own arithmetic, which is float64: a robot's longest recursion takes fewer operations."""
 
 
 class Bounded:
-    """A computed number, and how far it may be from the exact one.
+    """A computed number with a bound on its distance from the exact one. Sums, products and functions of such numbers
+    carry the bound on.
 
     Attributes:
         value: what one evaluation gave; any other is within twice the bound of it.
@@ -58,7 +59,7 @@ class Bounded:
     @property
     def error(self) -> Component:
         """Return the bound with the roundings of its own arithmetic; infinite where nothing is known."""
-        bound = self.bound * (1 + max(_SAFETY_STEPS * self.u, _OWN_ROUNDING))
+        bound = self.bound * (1 + max(_NUM_ROUNDINGS_IN_SAFETY_FACTOR * self.u, _BOUND_ARITHMETIC_RELATIVE_ERROR))
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
@@ -109,13 +110,17 @@ class Bounded:
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
     def sine(self) -> Self:
-        """Return the sine, with a rounding of SINE_ULPS units in the last place; the sine of an exact 0 is exact."""
+        """Return the sine and the bound on its error, as a number of this class. The sine itself adds 1.5 units in
+        the last place, and nothing to an exact 0.
+        """
         s = np.sin(self.value)
         rounding = self._of_sine(np.abs(s) + 2 * self.bound) + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """Return the cosine, with a rounding of SINE_ULPS units in the last place; that of an exact 0 is exact."""
+        """Return the cosine and the bound on its error, as a number of this class. The cosine itself adds 1.5 units
+        in the last place, and nothing to that of an exact 0.
+        """
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
@@ -126,7 +131,9 @@ class Bounded:
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
-        """Return 1 - cosine with a bound that covers both formulas: by the NumPy backend, and by the compiled one."""
+        """Return 1 - cosine and the bound on its error, as a number of this class. The bound holds whether it is
+        computed from the sine or by subtraction.
+        """
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
         value = np.where(c.value > 0.7, near.value, far.value)
@@ -146,21 +153,21 @@ class Bounded:
 
     @classmethod
     def _of_sine(cls, value: Component) -> Component:
-        """Return SINE_ULPS units in the last place of a number between -1 and 1."""
+        """Return MAX_SINE_ERROR_ULPS units in the last place of a number between -1 and 1."""
         size = np.minimum(np.abs(value) * (1 + 4 * cls.u), 1 - cls.u)
-        return in_last_places(SINE_ULPS, size, cls.u)
+        return in_last_places(MAX_SINE_ERROR_ULPS, size, cls.u)
 
 
-class Double(Bounded):
-    """Numbers that are computed in float64."""
+class BoundedDouble(Bounded):
+    """Bounded numbers whose rounding errors are those of float64."""
 
     __slots__ = ()
     dtype = np.float64
     u, smallest, largest = UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
 
 
-class Single(Bounded):
-    """Numbers that are computed in float32."""
+class BoundedSingle(Bounded):
+    """Bounded numbers whose rounding errors are those of float32."""
 
     __slots__ = ()
     dtype = np.float32
@@ -169,7 +176,7 @@ class Single(Bounded):
 
 def kind_of(dtype: np.dtype[Any]) -> type[Bounded]:
     """Return the class of bounded numbers for a dtype."""
-    return Single if dtype == np.float32 else Double
+    return BoundedSingle if dtype == np.float32 else BoundedDouble
 
 
 def in_last_places(count: float, size: Component, u: float) -> Component:

@@ -25,11 +25,12 @@ from hingepair.numeric.arrays import real_array
 
 MAX_ROWS: Final = 10_000_000  # samples of a file that is read
 MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
-_MAX_LINE: Final = 100_000  # characters of the heading of a .csv
-_MAX_EXACT_FLOAT: Final = 1e14  # larger numbers of an exact column are integers: nanoseconds, which a float rounds
-_MAX_HEADER: Final = 10_000  # bytes of the heading of an array in a .npz
+_MAX_CSV_HEADING_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
+# Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
+_MAX_FLOAT_COLUMN_VALUE: Final = 1e14
+_MAX_ARRAY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
-_ARRAY_HEADER: Final = re.compile(
+_ARRAY_HEADER_PATTERN: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
 )
@@ -38,7 +39,8 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ColumnRequest(NamedTuple):
-    """Choice of the columns that are read from a file.
+    """Choice of the columns to read from a file: two functions, of which one chooses among the names of all columns
+    and one names the columns of an array with several axes.
 
     Attributes:
         choose: takes the names of all columns, returns those to read, in their order, or refuses one.
@@ -53,17 +55,20 @@ class ColumnRequest(NamedTuple):
     exact: str = ""
 
 
-def read_columns(path: Path, wanted: ColumnRequest) -> Columns:
-    """Read the columns of a file by name, all of one length, which is not 0; empty cells are NaN.
+def read_columns(path: Path, request: ColumnRequest) -> Columns:
+    """Read the requested columns of a .csv, .npz or .parquet file; return arrays of one length by name. Empty cells
+    are NaN. Raise ArgumentError for a file that cannot be read, has no rows or is too large.
 
     Raises:
         ArgumentError: the file cannot be read, or is too large; `name` is where: a column, `line 3`, `line 3: t` or
-            nothing. Also what `wanted.choose` and `wanted.names_of` raise.
+            nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    read = _READERS.get(path.suffix.lower())
+    read = _READER_BY_SUFFIX.get(path.suffix.lower())
     if read is None:
-        raise ArgumentError("", f"a file name that ends in {', '.join(_READERS)}", path.suffix or "no ending")
+        raise ArgumentError(
+            "", f"a file name that ends in {', '.join(_READER_BY_SUFFIX)}", path.suffix or "no ending"
+        )
     expected = f"a {path.suffix} file that can be read"
     if not os.path.isfile(path):  # of a name that is too long Path.is_file would raise
         raise ArgumentError("", expected, "no such file")
@@ -71,7 +76,7 @@ def read_columns(path: Path, wanted: ColumnRequest) -> Columns:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             raise ArgumentError("", f"at most {MAX_FILE_BYTES} bytes", size)
-        columns = read(path, wanted)
+        columns = read(path, request)
     except ArgumentError:
         raise
     except (
@@ -89,7 +94,8 @@ def read_columns(path: Path, wanted: ColumnRequest) -> Columns:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """Read a column of a .csv file once more, in a kind of number that holds more of its digits.
+    """Return one column of a .csv file, read in the given dtype, such as int64 where a float would lose digits. Raise
+    ArgumentError where a cell is no such number.
 
     Raises:
         ArgumentError: something in it is no such number.
@@ -102,11 +108,13 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
             raise ArgumentError(name, f"numbers of the kind {np.dtype(dtype)}", str(error)) from None
 
 
-def _read_csv(path: Path, wanted: ColumnRequest) -> Columns:
-    """Return the wanted columns of a CSV file, whose first line holds the names."""
+def _read_csv(path: Path, request: ColumnRequest) -> Columns:
+    """Return the requested columns of a CSV file by name; its first line holds the names. Raise ArgumentError that
+    names the line that cannot be read.
+    """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
-        chosen = wanted.choose(names)
+        chosen = request.choose(names)
         if not chosen:
             return {}
         positions = [names.index(name) for name in chosen]
@@ -126,15 +134,17 @@ def _read_csv(path: Path, wanted: ColumnRequest) -> Columns:
     columns = dict(
         zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
     )
-    if wanted.exact in columns and np.abs(columns[wanted.exact]).max(initial=0.0) > _MAX_EXACT_FLOAT:
-        columns[wanted.exact] = csv_column(path, wanted.exact, np.int64)
+    if request.exact in columns and np.abs(columns[request.exact]).max(initial=0.0) > _MAX_FLOAT_COLUMN_VALUE:
+        columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
 
 def _csv_names(stream: IO[str]) -> list[str]:
-    """Return the column names in the first line of a CSV file; refuse other separators than commas."""
-    line = stream.readline(_MAX_LINE)
-    if len(line) == _MAX_LINE:
+    """Read the first line of a CSV file and return the column names in it. Raise ArgumentError for other separators
+    than commas, and for a line of numbers.
+    """
+    line = stream.readline(_MAX_CSV_HEADING_CHARACTERS)
+    if len(line) == _MAX_CSV_HEADING_CHARACTERS:
         raise ArgumentError("", "a first line of column names", "a longer line")
     if ";" in line or "\t" in line:
         raise ArgumentError("", "columns separated by commas, and decimal points", line)
@@ -146,9 +156,11 @@ def _csv_names(stream: IO[str]) -> list[str]:
     return names
 
 
-def _csv_rows(stream: IO[str], columns: list[int] | None, **how: Any) -> NDArray[Any]:
-    """Return the rows of some columns of a CSV file as an array; options go to `numpy.loadtxt`."""
-    options: dict[str, Any] = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | how
+def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
+    """Return the remaining rows of a CSV file as a 2D array: the columns with the given indices, or all for None.
+    Further options go to `numpy.loadtxt`.
+    """
+    options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
         warnings.simplefilter("error", DeprecationWarning)  # NumPy before 2.4 reads integers through floats
@@ -160,7 +172,7 @@ def _number(text: str) -> float:
 
 
 def _is_number(text: str) -> bool:
-    """Return whether a text is a number; an empty one is none."""
+    """Return whether `float` can read a text, which is not so of an empty one."""
     try:
         float(text)
     except ValueError:
@@ -168,18 +180,20 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> NoReturn:
-    """Raise an error that names the row that could not be read."""
+def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:
+    """Raise ArgumentError that names the line and column of the first row with too few or too many fields, or with a
+    cell that is no number. Where there is no such row, the error says the given reason.
+    """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
         reader = csv.reader(stream)
         try:
             for row in filter(None, reader):
                 place, fields = f"line {reader.line_num + 1}", len(row)
-                if fields <= max(own) or (len(own) == len(names) < fields):
+                if fields <= max(positions) or (len(positions) == len(names) < fields):
                     expected = f"{len(names)} fields, separated by commas, with decimal points"
                     raise ArgumentError(place, expected, f"{fields} fields")
-                for i in own:
+                for i in positions:
                     try:
                         _number(row[i])
                     except ValueError:
@@ -190,8 +204,10 @@ def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> N
     raise ArgumentError("", "rows of numbers", reason)
 
 
-def _read_npz(path: Path, wanted: ColumnRequest) -> Columns:
-    """Return the wanted columns of an NPZ file; an array with several axes gives a column for each component."""
+def _read_npz(path: Path, request: ColumnRequest) -> Columns:
+    """Return the requested columns of an NPZ file by name; an array with several axes gives a column for each
+    component.
+    """
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
         arrays = []
@@ -199,28 +215,30 @@ def _read_npz(path: Path, wanted: ColumnRequest) -> Columns:
             name = member.filename.removesuffix(".npy")
             with archive.open(member) as stream:
                 _, _, shape = _array_header(stream)
-            arrays.append((member, name, np.array(wanted.names_of(name, shape[1:]))))
-        chosen = set(wanted.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
+            arrays.append((member, name, np.array(request.names_of(name, shape[1:]))))
+        chosen = set(request.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
         for member, name, names in arrays:
             columns_of_array = names.ravel().tolist()
             if chosen.intersection(columns_of_array):
                 with archive.open(member) as stream:
-                    array = _read_array(stream, name, names.shape, name == wanted.exact)
-                kind = array.dtype if name == wanted.exact else np.float64
+                    array = _read_array(stream, name, names.shape, name == request.exact)
+                kind = array.dtype if name == request.exact else np.float64
                 parts = zip(columns_of_array, array.reshape(len(array), names.size).T, strict=True)
                 columns |= {column: np.ascontiguousarray(part, kind) for column, part in parts if column in chosen}
     return columns
 
 
-def _read_array(stream: IO[bytes], name: str, tail: tuple[int, ...], exact: bool) -> NDArray[Any]:
-    """Return an array of an NPZ file; refuse one of another type or shape than its header promises."""
+def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
+    """Read and return one array of an NPZ file. Raise ArgumentError where its dtype is not of real numbers (dates and
+    times too where `exact`), its shape is not (N, *sample_shape), or bytes are missing.
+    """
     dtype, fortran, shape = _array_header(stream)
     if dtype is None:
         raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
     if not (exact and dtype.kind in "mM"):
         real_array(name, np.empty(0, dtype))
-    if shape[1:] != tail or not shape:
-        raise ArgumentError(name, "shape " + str(("N", *tail)).replace("'", ""), f"shape {shape}")
+    if shape[1:] != sample_shape or not shape:
+        raise ArgumentError(name, "shape " + str(("N", *sample_shape)).replace("'", ""), f"shape {shape}")
     _check_rows(shape[0])
     size = math.prod(shape) * dtype.itemsize
     content = stream.read(size)
@@ -230,18 +248,22 @@ def _read_array(stream: IO[bytes], name: str, tail: tuple[int, ...], exact: bool
 
 
 def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Read the kind of number (None of what is no array), whether columns come first, and the stated shape."""
+    """Read the header of an array in an NPZ file: return its dtype (None where it is no array of numbers), whether it
+    is in Fortran order, and its shape.
+    """
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
-    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADER else ""
-    if found := _ARRAY_HEADER.fullmatch(text):
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_ARRAY_HEADER_BYTES else ""
+    if header := _ARRAY_HEADER_PATTERN.fullmatch(text):
         with contextlib.suppress(TypeError, ValueError):
-            return np.dtype(found[1]), found[2] == "True", tuple(int(n) for n in found[3].split(",") if n.strip())
+            return np.dtype(header[1]), header[2] == "True", tuple(int(n) for n in header[3].split(",") if n.strip())
     return None, False, ()
 
 
-def _read_parquet(path: Path, wanted: ColumnRequest) -> Columns:
-    """Return the wanted columns of a Parquet file."""
+def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
+    """Return the requested columns of a Parquet file by name. Raise MissingDependencyError where PyArrow is not
+    installed.
+    """
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -253,8 +275,8 @@ def _read_parquet(path: Path, wanted: ColumnRequest) -> Columns:
         with pq.ParquetFile(path) as file:
             _check_rows(file.metadata.num_rows)
             kinds = file.schema_arrow
-            for name in wanted.choose(kinds.names):
-                kind, exact = kinds.field(name).type, name == wanted.exact
+            for name in request.choose(kinds.names):
+                kind, exact = kinds.field(name).type, name == request.exact
                 number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
                 if not (number or (exact and pa.types.is_temporal(kind))):
                     raise ArgumentError(name, "a column of numbers", str(kind))
@@ -271,7 +293,7 @@ def _check_rows(count: int) -> None:
 
 
 # The readers, by the ending of the file.
-_READERS: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
+_READER_BY_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

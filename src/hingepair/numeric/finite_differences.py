@@ -20,18 +20,19 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array
 
-_BLOCK_SIZE = 16384  # samples whose stencils are held at a time
+_STENCILS_PER_BLOCK = 16384  # samples whose stencils are held at a time
 
 
 Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-_NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or microseconds
+_MIN_MILLISECOND_STAMP = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or microseconds
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Check instants that samples are to be differentiated at, and return them as float64.
+    """Return instants as float64. Raise ShapeError or ArgumentError unless they are finite, increase, and are at
+    least order + 1, as finite differences of that order need.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.
@@ -40,7 +41,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     if t.ndim != 1 or t.size < order + 1:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
-    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _NO_SECONDS:
+    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MIN_MILLISECOND_STAMP:
         raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
@@ -58,10 +59,12 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
-    """Yield the neighbours of all samples and their weights, block by block, at instants from `check_instants`."""
+    """Yield finite-difference stencils block by block: which samples, the indices of their neighbours, and the
+    neighbours' weights in the first and in the second derivative. The instants t come from `check_instants`.
+    """
     half, wide = order // 2, min(order + 5, t.size)
-    for start in range(half, t.size - half, _BLOCK_SIZE):
-        rows = slice(start, min(start + _BLOCK_SIZE, t.size - half))
+    for start in range(half, t.size - half, _STENCILS_PER_BLOCK):
+        rows = slice(start, min(start + _STENCILS_PER_BLOCK, t.size - half))
         lowest = np.arange(rows.start, rows.stop) - half
         yield _stencil_weights(t, rows, lowest[:, None] + np.arange(order + 1), order)
     for rows, first in ((slice(0, half), 0), (slice(t.size - half, t.size), t.size - wide)):
@@ -69,7 +72,9 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return rows and neighbours with the weights of the first and second derivative; shape (rows, neighbours)."""
+    """Return a stencil: the given rows and neighbours, and the neighbours' weights in the first and in the second
+    derivative at the rows, of shape (rows, neighbours) each.
+    """
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
@@ -78,26 +83,29 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
 
 
 def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return weights of first and second derivatives at 0 of the polynomial through distinct nodes; (..., m)."""
+    """Return the weights of values at distinct nodes x, of shape (..., m), in the first and in the second derivative
+    at 0 of the polynomial through them.
+    """
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])
-    found = [(zero + 1, zero, zero)]
+    weights = [(zero + 1, zero, zero)]
     product = zero + 1
     for i, node in enumerate(nodes[1:], start=1):
-        before, previous, (c0, c1, c2) = nodes[i - 1], product, found[-1]
+        before, previous, (c0, c1, c2) = nodes[i - 1], product, weights[-1]
         product = zero + 1
         for j in range(i):
             gap = node - nodes[j]
             product = product * gap
-            w0, w1, w2 = found[j]
-            found[j] = node * w0 / gap, (node * w1 - w0) / gap, (node * w2 - 2 * w1) / gap
+            w0, w1, w2 = weights[j]
+            weights[j] = node * w0 / gap, (node * w1 - w0) / gap, (node * w2 - 2 * w1) / gap
         ratio = previous / product
-        found.append((-ratio * before * c0, ratio * (c0 - before * c1), ratio * (2 * c1 - before * c2)))
-    return np.stack([w[1] for w in found], axis=-1), np.stack([w[2] for w in found], axis=-1)
+        weights.append((-ratio * before * c0, ratio * (c0 - before * c1), ratio * (2 * c1 - before * c2)))
+    return np.stack([w[1] for w in weights], axis=-1), np.stack([w[2] for w in weights], axis=-1)
 
 
 def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """Return the weights of the first and second derivative at 0 of least-squares polynomials.
+    """Return the weights of values in the first and in the second derivative at 0 of the polynomial that fits them by
+    least squares.
 
     Args:
         x: increasing nodes at which the values are given; shape (rows, m).
@@ -120,7 +128,8 @@ def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, 
 
 
 def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
-    """Return first and second derivatives of samples.
+    """Return the first and the second derivative of samples at instants t, two arrays of shape (N,). The error is of
+    the given (even) order in the step.
 
     Args:
         t: instants as `check_instants` returns them; shape (N,) s.
@@ -148,7 +157,8 @@ _NOISE_FIT_SAMPLES = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
 def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
-    """Compute what polynomials of degree 5, each fitted to seven neighbouring samples, leave of the samples.
+    """Fit a polynomial of degree 5 to each window of seven neighbouring samples and return the residuals of all
+    windows. Residuals are scaled to the standard deviation of the noise of one sample.
 
     Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
     where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.

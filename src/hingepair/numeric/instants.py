@@ -17,9 +17,9 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-_MIN_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
-_MAX_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
-_JITTER_TOLERANCE = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
+_MIN_NANOSECOND_STAMP = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MAX_FLOAT_STAMP = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
+_RELATIVE_JITTER_TOLERANCE = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
 
 
 class MeasurementWarning(UserWarning):
@@ -33,7 +33,8 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
 
 
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
-    """Return the seconds since an instant, and that instant: the first of t, or what an earlier call returned.
+    """Return float64 seconds since a reference instant, and the reference instant: `since`, or the first of t. Raise
+    ArgumentError for instants that are not finite, or whose unit is in doubt.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -52,7 +53,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_NANOSECONDS:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_NANOSECOND_STAMP:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -61,7 +62,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _MAX_SECONDS:
+        if np.abs(stamps).max() > _MAX_FLOAT_STAMP:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -75,7 +76,8 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
 
 
 def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Return the seconds since the first instant, which must increase strictly, and that instant.
+    """Return the seconds since the first instant, and the first instant in its own kind of number. Raise
+    ArgumentError unless the instants increase strictly.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
@@ -91,8 +93,9 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
     return seconds, first
 
 
-def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
-    """Return increasing instants in seconds: floats as they are, stamps of clocks counted from the first one.
+def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
+    """Return increasing instants as float64 seconds: floats as they are, clock stamps (datetime64, nanoseconds since
+    1970) counted from the first. Raise ArgumentError unless they increase and are more than `order`.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.
@@ -100,7 +103,7 @@ def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
     Args:
         name: of the argument, for messages.
         t: instants; shape (N,).
-        fewest: order of the differences that the instants are for, of which there must be more.
+        order: of the finite differences that the instants are for; there must be more instants than that.
 
     Raises:
         ShapeError, DtypeError, ArgumentError: not one axis of increasing instants; names the first that is wrong.
@@ -110,26 +113,29 @@ def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
     """
     stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
     clock = stamps.dtype.kind in "mM" or (
-        stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _MIN_NANOSECONDS
+        stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _MIN_NANOSECOND_STAMP
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
-    return check_instants(name, seconds, fewest)
+    return check_instants(name, seconds, order)
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
-    """Return a sentence where the steps scatter, since derivatives take the stamps as exact."""
+    """Return a list with one sentence where the time steps of a recording scatter, since that spoils derivatives; an
+    empty list otherwise.
+    """
     steps = np.diff(seconds)
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _JITTER_TOLERANCE * middle:
+    if high - low <= _RELATIVE_JITTER_TOLERANCE * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]
 
 
 def checked_gaps(gaps: object) -> float:
-    """Return the longest time without a sample that is no gap [s].
+    """Return the argument `gaps`, the longest time between samples that is no gap [s], as a float. Raise
+    ArgumentError unless it is positive.
 
     Raises:
         ArgumentError: not a positive number.
@@ -140,14 +146,17 @@ def checked_gaps(gaps: object) -> float:
     return longest
 
 
-def pieces(t: Float64Array, known: NDArray[np.bool_], gaps: float, fewest: int = 1) -> list[NDArray[np.intp]]:
-    """Return the indices of the known samples, cut at gaps; pieces of fewer samples than `fewest` are left out.
+def split_at_gaps(
+    t: Float64Array, is_known: NDArray[np.bool_], gaps: float, min_samples: int = 1
+) -> list[NDArray[np.intp]]:
+    """Return the indices of the known samples as a list of arrays, one for each piece between gaps. Pieces of fewer
+    than `min_samples` are left out.
 
     A gap is where known samples are further apart than `gaps` [s], and than one and a half of the usual step.
     """
-    there = np.flatnonzero(known)
+    there = np.flatnonzero(is_known)
     if not there.size:
         return []
     usual = float(np.median(np.diff(t))) if t.size > 1 else 0.0
     cuts = np.flatnonzero(np.diff(t[there]) > max(gaps, 1.5 * usual)) + 1
-    return [piece for piece in np.split(there, cuts) if piece.size >= fewest]
+    return [piece for piece in np.split(there, cuts) if piece.size >= min_samples]

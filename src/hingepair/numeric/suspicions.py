@@ -10,10 +10,10 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
-_MIN_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
-_MIN_SUSPICIOUS_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
-_MAX_SUSPICIOUS_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
-_MIN_SUSPICIOUS_SPAN, _MAX_SUSPICIOUS_SPAN = 4 * np.pi, 720.0
+_MIN_RECORDING_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
+_MIN_SUSPICIOUS_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
+_MAX_SUSPICIOUS_TIME_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
+_MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
 _MIN_SUSPICIOUS_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
@@ -21,8 +21,8 @@ _MAX_GYROSCOPE_RATE = 40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a se
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
 """Median sizes of what an accelerometer feels that are suspicious [m/s^2]: of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
-_MAX_GYRATION = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
-_SMALLER_UNITS_OF_TIME = (
+_MAX_GYRATION_RATIO = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
+_SUSPECTED_TIME_UNITS = (
     (500.0, "milliseconds", "1e-3"),
     (5e5, "microseconds", "1e-6"),
     (np.inf, "nanoseconds", "1e-9"),
@@ -31,7 +31,8 @@ _SMALLER_UNITS_OF_TIME = (
 
 
 def instant_suspicions(name: str, t: Float64Array) -> list[str]:
-    """Return what is suspicious about the unit of instants that should be seconds.
+    """Return a list with one sentence where instants are probably not in seconds, judged by the median time step; an
+    empty list otherwise.
 
     Args:
         name: what the caller's messages call the instants, such as "t" or "log.csv: t".
@@ -41,21 +42,22 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
     ['t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.']
     """
     steps = np.diff(t[np.isfinite(t)])
-    if steps.size < _MIN_STEPS:
+    if steps.size < _MIN_RECORDING_STEPS:
         return []
     step = float(np.median(steps))
-    if step >= _MIN_SUSPICIOUS_STEP:
-        unit, factor = next((unit, factor) for most, unit, factor in _SMALLER_UNITS_OF_TIME if step <= most)
+    if step >= _MIN_SUSPICIOUS_TIME_STEP:
+        unit, factor = next((unit, factor) for most, unit, factor in _SUSPECTED_TIME_UNITS if step <= most)
         return [
             f"{name} steps by {step:.3g} s: is it in seconds? {unit.capitalize()} become seconds by {factor} * t."
         ]
-    if 0 < step <= _MAX_SUSPICIOUS_STEP:
+    if 0 < step <= _MAX_SUSPICIOUS_TIME_STEP:
         return [f"{name} steps by {step:.3g} s: is it in seconds? Days become seconds by 86400 * t."]
     return []
 
 
 def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
-    """Return what is suspicious about the unit of a hinge angle, or of other angles, that should be radians.
+    """Return a list with one sentence where a hinge angle, or another angle, is probably in degrees and not in
+    radians, judged by its span; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the angle, such as "psi".
@@ -66,14 +68,15 @@ def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
     """
     finite = angles[np.isfinite(angles)]
     span = float(np.ptp(finite)) if finite.size else 0.0
-    if not _MIN_SUSPICIOUS_SPAN < span <= _MAX_SUSPICIOUS_SPAN:
+    if not _MIN_SUSPICIOUS_ANGLE_SPAN < span <= _MAX_SUSPICIOUS_ANGLE_SPAN:
         return []
     turns = f"{name} spans {span:.3g} rad, {span / (2 * np.pi):.3g} turns"
     return [f"{turns}: is it in radians? Degrees become radians by numpy.radians({name})."]
 
 
 def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
-    """Return what is suspicious about the unit of a gyroscope's readings that should be rad/s.
+    """Return a list with one sentence where the readings of a gyroscope are probably in degrees a second and not in
+    rad/s, judged by the largest; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "omega1_b1".
@@ -91,7 +94,8 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
 
 
 def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
-    """Return what is suspicious about the unit of an accelerometer's readings that should be m/s^2.
+    """Return a list with one sentence where the readings of an accelerometer are probably multiples of g and not in
+    m/s^2, judged by their median size; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "f1_b1".
@@ -109,7 +113,8 @@ def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
 
 
 def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
-    """Return what is suspicious about the unit of distances between the bodies of a pair that should be metres.
+    """Return a list with one sentence where distances between the bodies of a pair are probably in millimetres and
+    not in metres, judged by their median; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the distance, such as "R2 - R1".
@@ -126,7 +131,8 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
 
 
 def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -> list[str]:
-    """Return what is suspicious about angles, or angular velocities, that a person has written.
+    """Return a list with one sentence where angles that a person has written (angular velocities where `rates`) are
+    probably in degrees, judged by round numbers; an empty list otherwise.
 
     Degrees are written in whole fives, and angular velocities in parts of a turn; radians hardly ever are.
 
@@ -149,7 +155,8 @@ def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -
 
 
 def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: float) -> list[str]:
-    """Return what is suspicious about the inertia of a body that should be in kg m^2.
+    """Return a list with one sentence where the inertia of a body is probably not in kg m^2, judged by its radius of
+    gyration beside a lever of the body; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the inertia, such as "body2.inertia".
@@ -161,6 +168,6 @@ def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: flo
     ['body2.inertia: its radius of gyration is 224 m, beside levers of 0.5 m: is it in kg m^2?']
     """
     radius = float(np.sqrt(np.linalg.eigvalsh(inertia)[-1] / mass)) if mass > 0 else 0.0
-    if not lever or radius <= _MAX_GYRATION * lever:
+    if not lever or radius <= _MAX_GYRATION_RATIO * lever:
         return []
     return [f"{name}: its radius of gyration is {radius:.3g} m, beside levers of {lever:.3g} m: is it in kg m^2?"]

@@ -8,33 +8,35 @@ from typing import Any, NamedTuple
 
 from hingepair.errors import printable
 
-_MIN_LATE_INSTANT = 1e5  # [s]: from here on, six digits do not tell instants apart
+_MIN_FULL_DIGITS_INSTANT = 1e5  # [s]: from here on, six digits do not tell instants apart
 
 
-def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]:
-    """Return the lines of a table, cells padded to columns; the columns numbered in `right` to the right.
+def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
+    """Return the rows of a table as lines of text, cells padded to the width of their column. Cells of the columns
+    with the given indices are set to the right.
 
-    >>> aligned([("name", "size"), ("d", "1.25")], {1})
+    >>> align_columns([("name", "size"), ("d", "1.25")], {1})
     ['name  size', 'd     1.25']
     """
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return [
         "  ".join(
-            cell.rjust(width) if i in right else cell.ljust(width)
+            cell.rjust(width) if i in right_columns else cell.ljust(width)
             for i, (cell, width) in enumerate(zip(line, widths, strict=True))
         ).rstrip()
         for line in lines
     ]
 
 
-def ruled_table(lines: Sequence[Sequence[str]], keys: int = 1, width: int | None = None) -> list[str]:
-    r"""Return the lines of a table with a rule below its heading, in which no cell is cut.
+def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int | None = None) -> list[str]:
+    r"""Return a table as lines of text with a rule below its heading. Columns that do not fit into `width` characters
+    follow in further tables, which repeat the first `key_columns` columns.
 
-    Columns that do not fit into the width follow in further tables, which repeat the first columns.
+    No cell is cut.
 
     Args:
         lines: the heading and the rows, as many cells each; a row without cells is an empty line.
-        keys: number of the first columns, those to repeat.
+        key_columns: number of the first columns, those to repeat.
         width: of a line [characters]; None for lines of any length.
 
     >>> print(*ruled_table([("", "t = 0", "t = 1"), ("psi", "-1.25", "3")], width=12), sep="\n")
@@ -49,22 +51,29 @@ def ruled_table(lines: Sequence[Sequence[str]], keys: int = 1, width: int | None
     full = [line for line in lines if line]
     sizes = [max(map(len, column)) + 2 for column in zip(*full, strict=True)]
     parts: list[list[int]] = []
-    for column in range(keys, len(sizes)):
-        if not parts or (width is not None and sum(sizes[i] for i in (*range(keys), *parts[-1], column)) - 2 > width):
+    for column in range(key_columns, len(sizes)):
+        if not parts or (
+            width is not None and sum(sizes[i] for i in (*range(key_columns), *parts[-1], column)) - 2 > width
+        ):
             parts.append([])
         parts[-1].append(column)
     text_lines: list[str] = []
     for part in parts:
-        rows = iter(aligned([[line[i] for i in (*range(keys), *part)] for line in full], range(1, keys + len(part))))
+        rows = iter(
+            align_columns(
+                [[line[i] for i in (*range(key_columns), *part)] for line in full], range(1, key_columns + len(part))
+            )
+        )
         drawn = [next(rows) if line else "" for line in lines]
         text_lines += ["", drawn[0], "-" * max(map(len, drawn)), *drawn[1:]]
     return text_lines[1:]
 
 
-def left_out(skipped: int, samples: int) -> str:
-    """Return a remark on samples that were not finite, to go behind a verdict; nothing where all were.
+def left_out_remark(skipped: int, samples: int) -> str:
+    """Return a remark, to follow a verdict, on how many of the samples were skipped since they were not finite; an
+    empty text where none were.
 
-    >>> left_out(1, 20)
+    >>> left_out_remark(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
     """
     if not skipped:
@@ -73,13 +82,14 @@ def left_out(skipped: int, samples: int) -> str:
     return f" ({skipped} of {samples} samples {be} not finite and {been} left out)"
 
 
-def instant(t: float) -> str:
-    """Return an instant [s] as text: six digits, or as many as tell it from its neighbours where it is late.
+def instant_text(t: float) -> str:
+    """Return an instant [s] as text: with six digits, or with all where it is so late that six do not tell it from
+    its neighbours.
 
-    >>> instant(1 / 3), instant(1763746391.25)
+    >>> instant_text(1 / 3), instant_text(1763746391.25)
     ('0.333333', '1763746391.25')
     """
-    return f"{t:.6g}" if abs(t) < _MIN_LATE_INSTANT else repr(float(t))
+    return f"{t:.6g}" if abs(t) < _MIN_FULL_DIGITS_INSTANT else repr(float(t))
 
 
 def finite_or_none(number: float) -> float | None:
@@ -101,7 +111,9 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
-    """Return a report of nested mappings and lists for JSON: None in place of each float that is not finite."""
+    """Return nested mappings and lists with None in place of each float that is not finite, for which JSON has no
+    word.
+    """
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -110,7 +122,7 @@ def _json_values(value: Any) -> Any:
 
 
 # Units of outputs, by their names without the number of the body and the component.
-_UNITS = {
+_UNIT_BY_QUANTITY = {
     "t": "s",
     **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
     **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
@@ -123,11 +135,11 @@ _UNITS = {
     **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
     "mass": "kg",
 }
-_MAX_SHOWN_NUMBERS = 9  # of a cell; of more only the count or the shape is shown
+_MAX_NUMBERS_PER_CELL = 9  # of a cell; of more only the count or the shape is shown
 
 
 class Sheet(NamedTuple):
-    """A table.
+    """A table of texts: a title, rows of which the first is the heading, and notes.
 
     Attributes:
         title: what it shows.
@@ -141,7 +153,7 @@ class Sheet(NamedTuple):
 
 
 class Shown:
-    """Base class of objects that notebooks show as a table, which `_sheet()` returns."""
+    """Base class of objects that notebooks show as an HTML table. Their method `_sheet` returns the table."""
 
     __slots__ = ()
 
@@ -165,34 +177,35 @@ class Shown:
 
 def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
     """Return a table of names, values and units; of arrays with more than nine numbers it has the shape."""
-    rows = ((name, cell(value), unit_of(name)) for name, value in values if value is not None)
+    rows = ((name, cell_text(value), unit_of(name)) for name, value in values if value is not None)
     return Sheet(title, (("", "value", "unit"), *rows), notes)
 
 
-def cell(value: Any) -> str:
-    """Return a value in few characters.
+def cell_text(value: Any) -> str:
+    """Return a text, a number or an array as a short text for a cell of a table. Of more than nine numbers only the
+    count or the shape is given.
 
-    >>> cell((0.5, 0, 1 / 3)), cell("a"), cell(range(10))
+    >>> cell_text((0.5, 0, 1 / 3)), cell_text("a"), cell_text(range(10))
     ('0.5, 0, 0.333333', 'a', '10 numbers')
     """
     if isinstance(value, str):
         return value
     shape = getattr(value, "shape", None)
-    if shape is not None and not (math.prod(shape) <= _MAX_SHOWN_NUMBERS and hasattr(value, "tolist")):
+    if shape is not None and not (math.prod(shape) <= _MAX_NUMBERS_PER_CELL and hasattr(value, "tolist")):
         return f"array of shape {tuple(shape)}"
     items = value.tolist() if shape is not None else value
     if not hasattr(items, "__len__"):
         return f"{items + 0.0:.6g}"
-    if len(items) > _MAX_SHOWN_NUMBERS:
+    if len(items) > _MAX_NUMBERS_PER_CELL:
         return f"{len(items)} numbers"
-    return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell(item) for item in items)
+    return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell_text(item) for item in items)
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of an output, or of one of its components.
+    """Return the unit of an output, or of one of its components, as text; "1" where the name has none.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')
     """
     vector = name.rpartition("_")[0]
-    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")
+    return _UNIT_BY_QUANTITY.get(name.rstrip("12")) or _UNIT_BY_QUANTITY.get(vector.rstrip("12"), "1")

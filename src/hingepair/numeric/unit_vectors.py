@@ -17,11 +17,15 @@ from hingepair.numeric.arrays import Component, vectors
 from hingepair.numeric.blocks import Components, components_of, tabulate_one
 from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
 
-_MODERATE: Final = 2.0**-10, 2.0**10  # sizes that need no scaling: metres, and axes that are nearly unit vectors
+_UNSCALED_SIZE_RANGE: Final = (
+    2.0**-10,
+    2.0**10,
+)  # sizes that need no scaling: metres, and axes that are nearly unit vectors
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axis n at unit length in float64, each component rounded once; shape (..., 3).
+    """Return the axis n at unit length as a float64 array, each component rounded once; shape (..., 3). Raise
+    AxisError where n is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -31,7 +35,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axis n as an array of shape (..., 3).
+    """Return the axis n as an array of shape (..., 3), of any length. Raise AxisError where n is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -50,14 +54,16 @@ def direction(v: Components) -> Components:
 
 
 def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
-    """Return direction and length of a vector in twice the precision of a double; the direction of zero is zero."""
-    w, exponent = by_power_of_two(v)
+    """Return the direction and the length of a vector, both in twice the precision of a double (`Twofold`). The
+    direction of zero is zero.
+    """
+    w, exponent = scaled_by_power_of_two(v)
     total: Component = 0.0
-    lost: Component = 0.0
+    low_sum: Component = 0.0
     for component in w:
-        square, tail = exact_product(component, component)
-        total, rest = exact_sum(total, square)
-        lost = lost + (rest + tail)
+        square, square_low = exact_product(component, component)
+        total, sum_low = exact_sum(total, square)
+        low_sum = low_sum + (sum_low + square_low)
     length: Component
     safe: Component
     if type(total) is float:
@@ -66,26 +72,30 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
     else:
         length = np.sqrt(total)
         safe = np.where(length > 0, length, 1.0)
-    again, tail = exact_product(length, length)
-    low = ((total - again) - tail + lost) / (2 * safe)
+    again, square_low = exact_product(length, length)
+    low = ((total - again) - square_low + low_sum) / (2 * safe)
     units = tuple(_quotient(component, safe, low) for component in w)
-    return units, Twofold(by_two_to(length, exponent), by_two_to(low, exponent))
+    return units, Twofold(times_power_of_two(length, exponent), times_power_of_two(low, exponent))
 
 
-def by_power_of_two(v: Components) -> tuple[Components, Component]:
-    """Return the vector scaled exactly so that its largest component is about one, and the exponent taken out."""
+def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
+    """Return the vector divided by a power of two so that its largest component is about one, and the exponent of
+    that power. No digit is lost.
+    """
     if all(type(component) is float for component in v):
         size = max(map(abs, v))
-        if _MODERATE[0] < size < _MODERATE[1]:
+        if _UNSCALED_SIZE_RANGE[0] < size < _UNSCALED_SIZE_RANGE[1]:
             return v, 0
         _, exponent = math.frexp(size)
     else:
         _, exponent = np.frexp(functools.reduce(np.maximum, (np.abs(component) for component in v)))
     half = -exponent // 2  # in two steps: 2^-e itself overflows for subnormal vectors
-    return tuple(by_two_to(by_two_to(component, half), -exponent - half) for component in v), exponent
+    return tuple(
+        times_power_of_two(times_power_of_two(component, half), -exponent - half) for component in v
+    ), exponent
 
 
-def by_two_to(x: Component, exponent: Component) -> Component:
+def times_power_of_two(x: Component, exponent: Component) -> Component:
     """Return the product x 2^exponent."""
     if type(x) is float and type(exponent) is int:
         if exponent == 0:
@@ -98,7 +108,7 @@ def by_two_to(x: Component, exponent: Component) -> Component:
 
 
 def _quotient(a: Component, high: Component, low: Component) -> Twofold:
-    """Return the quotient a / (high + low) in twice the precision."""
+    """Return the quotient a / (high + low) of a double and a number of twice the precision, as a `Twofold`."""
     ratio = a / high
     again, error = exact_product(ratio, high)
     return Twofold(*normal(ratio, ((a - again) - error - ratio * low) / high))

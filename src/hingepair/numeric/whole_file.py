@@ -15,8 +15,11 @@ from hingepair.errors import ArgumentError
 
 
 @contextlib.contextmanager
-def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Iterator[IO[bytes]]:
-    """Open a file to write to that takes the target's place when the block is left without an error.
+def whole_file(
+    target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()
+) -> Iterator[IO[bytes]]:
+    """Open a binary file to write to, as a context manager; it replaces the target only when the block ends without
+    an error. Raise ArgumentError where the target cannot be written, or is one of the input files.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
     that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
@@ -24,24 +27,26 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
 
     Args:
         target: where the file shall be.
-        inputs: files that are being read from, which the target must not be.
+        input_paths: files that are being read from, which the target must not be.
 
     Raises:
         ArgumentError: `path`, the target, cannot be written, or is one of the inputs; what was there before stays.
     """
     try:
-        there = _status(target)
-        if there is not None and any(os.path.samestat(there, other) for other in map(_status, inputs) if other):
+        status = _file_status(target)
+        if status is not None and any(
+            os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
+        ):
             raise ArgumentError("path", "a file other than those that are read", repr(os.fspath(target)))
-        if there is not None and _is_own_output(there):
+        if status is not None and _is_standard_output(status):
             sys.stdout.flush()
             with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as file:
                 yield file
-        elif there is not None and not stat.S_ISREG(there.st_mode):
+        elif status is not None and not stat.S_ISREG(status.st_mode):
             with Path(target).open("wb") as file:
                 yield file
         else:
-            with _beside(Path(os.path.realpath(target)), there) as file:
+            with _temporary_replacement(Path(os.path.realpath(target)), status) as file:
                 yield file
     except OSError as error:
         got = f"{os.fspath(target)!r} ({error.strerror or error})"
@@ -49,9 +54,11 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
 
 
 @contextlib.contextmanager
-def _beside(target: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield a temporary file in the target's folder; replace the target by it when the block ends without error."""
-    if there is not None and not os.access(target, os.W_OK):
+def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
+    """Yield a temporary file in the target's folder, and replace the target by it when the block ends without an
+    error. The replacement keeps the mode and the owner that `status` (None for no file) says.
+    """
+    if status is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied")
     path = target.with_name(f".hingepair-{uuid4().hex}")
     with path.open("xb") as file:
@@ -59,18 +66,20 @@ def _beside(target: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
             yield file
             file.flush()
             os.fsync(file.fileno())
-            if there is not None:
+            if status is not None:
                 with contextlib.suppress(OSError, AttributeError):  # another's file stays his where we may say so
-                    os.chown(path, there.st_uid, there.st_gid)
-                path.chmod(stat.S_IMODE(there.st_mode))
+                    os.chown(path, status.st_uid, status.st_gid)
+                path.chmod(stat.S_IMODE(status.st_mode))
             path.replace(target)
         except BaseException:
             path.unlink(missing_ok=True)
             raise
 
 
-def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
-    """Return the status of the file at the path, or behind it where it is a symlink; None where there is none."""
+def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
+    """Return the status of the file at the path, or behind it where the path is a symlink; None where no file is
+    there.
+    """
     try:
         return Path(path).stat()
     except FileNotFoundError:
@@ -79,9 +88,9 @@ def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
         raise OSError(str(error)) from None
 
 
-def _is_own_output(there: os.stat_result) -> bool:
-    """Return whether a file is the standard output of this process."""
+def _is_standard_output(status: os.stat_result) -> bool:
+    """Return whether the status of a file is that of the standard output of this process."""
     try:
-        return os.path.samestat(there, os.fstat(sys.stdout.fileno()))
+        return os.path.samestat(status, os.fstat(sys.stdout.fileno()))
     except (OSError, ValueError, AttributeError):  # closed, or a caller's
         return False

@@ -6,12 +6,17 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
-_MAX_SPAN = 1.05  # [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little
-_MIN_JUMP = 0.75  # [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way
+_MAX_WRAPPED_SPAN_TURNS = (
+    1.05  # [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little
+)
+_MIN_WRAP_JUMP_TURNS = (
+    0.75  # [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way
+)
 
 
 def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
-    """Return whether samples of an angle were brought into one turn, such as [-pi, pi).
+    """Return whether samples of an angle were reduced to one turn, such as [-pi, pi), so that neighbours jump by
+    nearly a turn.
 
     They are where all of them lie within one turn and some neighbours differ by nearly a whole one. An angle that
     truly changes by more than half a turn from sample to sample soon leaves the turn, and is not called wrapped.
@@ -28,11 +33,12 @@ def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
     if known.size < 2:
         return False
     jumps = np.abs(np.diff(known))
-    return bool(np.ptp(known) <= _MAX_SPAN * turn and jumps.max() >= _MIN_JUMP * turn)
+    return bool(np.ptp(known) <= _MAX_WRAPPED_SPAN_TURNS * turn and jumps.max() >= _MIN_WRAP_JUMP_TURNS * turn)
 
 
 def unwrap_if_wrapped(angles: Float64Array) -> Float64Array:
-    """Return samples of an angle without jumps by 2 pi where they are wrapped, and as they are otherwise.
+    """Return samples of an angle [rad] without jumps by 2 pi where they were reduced to one turn; return other
+    samples as they are.
 
     Args:
         angles: shape (N,) rad. NaN is stepped over.

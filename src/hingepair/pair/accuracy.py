@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, Double, kind_of
+from hingepair.numeric.bounded import Bounded, BoundedDouble, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
@@ -295,7 +295,8 @@ def _bounded_inputs(group: Any, made_of: tuple[str, ...], numbers: Named, kind: 
         return tuple(kind.rounded(c) for c in group)
     size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in made_of)
     return tuple(
-        kind.rounded(c, np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size + Double.smallest) for c in group
+        kind.rounded(c, np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size + BoundedDouble.smallest)
+        for c in group
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.numeric.array_libraries import check_tail, is_foreign, library_of
+from hingepair.numeric.array_libraries import check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.numeric.dask_arrays import holds_dask, lazy_data
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
@@ -195,7 +195,7 @@ def _read(name: str, value: Any, *tail: int) -> Any:
             if tail == (3,) and np.shape(value)[-1:] == (2,):
                 raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
             raise
-    check_tail(name, value, *tail)
+    check_sample_shape(name, value, *tail)
     return value
 
 

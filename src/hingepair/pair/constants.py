@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
-from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_axis, polar
+from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
 from hingepair.plans.steps import LEVER_STEPS
 from hingepair.rotations.matrices import check_rotation
 
@@ -74,8 +74,8 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
-    lever2, exponent2 = by_power_of_two(values["u2"])
-    both, exponent = by_power_of_two((*values["u1"], *values["u2"]))
+    lever2, exponent2 = scaled_by_power_of_two(values["u2"])
+    both, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
     n, _ = polar(axis)
     values_by_name: dict[str, Any] = {"arm": tuple(map(Twofold, lever2)), "n": n}
     *of_u2, lever_fixed = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
@@ -86,12 +86,16 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     # Only `lever_fixed` holds both levers, and the shorter one may vanish beside the longer.
     shift = exponent2 - exponent
     beside = (
-        tuple(Twofold(by_two_to(c.high, shift), by_two_to(c.low, shift)) for c in values_by_name[name])
+        tuple(
+            Twofold(times_power_of_two(c.high, shift), times_power_of_two(c.low, shift)) for c in values_by_name[name]
+        )
         for name in lever_fixed.arguments[1:]
     )
     values_by_name["lever_fixed"] = lever_fixed.function(tuple(map(Twofold, both[:3])), *beside)
     exponents = {"lever_fixed": exponent, "lever_cos": exponent2, "lever_sin": exponent2}
-    levers = {name: tuple(by_two_to(c.high, e) for c in values_by_name[name]) for name, e in exponents.items()}
+    levers = {
+        name: tuple(times_power_of_two(c.high, e) for c in values_by_name[name]) for name, e in exponents.items()
+    }
     return {"n": tuple(c.high for c in n), **levers}
 
 

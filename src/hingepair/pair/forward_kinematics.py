@@ -106,7 +106,7 @@ def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[s
     own, endings = COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
     families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
     others = {column for family in own.values() for column in family}
-    return columns_by_name(name, table, families, others, alone=names)
+    return columns_by_name(name, table, families, others, last_family=names)
 
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:

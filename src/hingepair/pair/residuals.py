@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
-from hingepair.numeric.tables import Sheet, Shown, aligned, instant, json_text, left_out
+from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
@@ -69,7 +69,7 @@ class ResidualCheck(NamedTuple):
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
         when = "-" if self.worst_time is None else self.worst_time
-        when = when if isinstance(when, str) else instant(when)
+        when = when if isinstance(when, str) else instant_text(when)
         sizes = f"{self.rms:.2e}", f"{self.largest:.2e}", f"{self.worst:.2e}"
         numbers = *sizes, self.unit, f"{self.tolerance:.2e}", f"{self.ratio:.2g}"
         return self.residual, self.label, *numbers, where, when, str(self.samples), "ok" if self.ok else "FAILED"
@@ -129,7 +129,7 @@ class Residuals(Frozen, Shown):
     def verdict(self) -> str:
         """The outcome in a line."""
         samples = math.prod(self.shape)
-        beside = left_out(self.skipped, samples)
+        beside = left_out_remark(self.skipped, samples)
         failed = [row.residual for row in self.rows if row.samples and not row.ok]
         if failed:
             return f"FAILED: {', '.join(failed)}{beside}"
@@ -161,7 +161,7 @@ class Residuals(Frozen, Shown):
         return psi
 
     def __str__(self) -> str:
-        table = aligned([_TABLE_HEADING, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
+        table = align_columns([_TABLE_HEADING, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.numeric.tables import Sheet, instant, unit_of
+from hingepair.numeric.tables import Sheet, instant_text, unit_of
 from hingepair.pair.hinge_load import HINGE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -156,7 +156,7 @@ def _beyond_torque_limit(
     name = "motor_torque" if "motor_torque" in arrays else "hinge_torque"
     beyond = np.flatnonzero(np.abs(arrays[name]) > limit)
     if beyond.size:
-        first = f"first at t = {instant(t[beyond[0]])} s ({arrays[name][beyond[0]]:.6g})"
+        first = f"first at t = {instant_text(t[beyond[0]])} s ({arrays[name][beyond[0]]:.6g})"
         yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
 
 

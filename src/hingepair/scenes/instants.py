@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.tables import Shown, instant, unit_of
+from hingepair.numeric.tables import Shown, instant_text, unit_of
 from hingepair.pair.results import MOST_HELD, ROWS
 from hingepair.scenes.tables import Key, Table
 
@@ -80,7 +80,7 @@ class Sampled(Shown, abc.ABC):
     @property
     def span(self) -> str:
         """First and last instant, in few characters."""
-        return f"{instant(self.start)}..{instant(self.stop)}"
+        return f"{instant_text(self.start)}..{instant_text(self.stop)}"
 
     @property
     def samples(self) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import instant
+from hingepair.numeric.tables import instant_text
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
@@ -120,7 +120,9 @@ class LimitWatch:
         lower, upper = self._limits
         outside = np.flatnonzero((values < lower) | (values > upper))
         if outside.size:
-            self._first = self._first or f"first at t = {instant(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
+            self._first = (
+                self._first or f"first at t = {instant_text(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
+            )
             self._outside += outside.size
 
     def sentences(self, samples: int) -> Iterator[str]:

@@ -17,7 +17,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Frozen, read_only
-from hingepair.numeric.tables import Sheet, cell, unit_of
+from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -203,7 +203,7 @@ class Scene(Sampled):
             ("instants", str(self.samples), ""),
             ("t", self.span, "s"),
             ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
-            *((name, cell(value), "") for name, value in self.constants.items()),
+            *((name, cell_text(value), "") for name, value in self.constants.items()),
         ]
         return Sheet(self.title, (("", "value", "unit"), *rows))
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import MissingDependencyError, SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
-from hingepair.numeric.tables import Sheet, Shown, instant, json_text
+from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.tolerances import STANDARD_DEVIATIONS, sample_pairs
 from hingepair.plans.plan import POSE
@@ -55,7 +55,7 @@ class Band(NamedTuple):
 
     def cells(self) -> tuple[str, ...]:
         """Return the cells of a printed row."""
-        return self.component, self.unit, *(f"{size:.4g}" for size in self[2:6]), instant(self.t)
+        return self.component, self.unit, *(f"{size:.4g}" for size in self[2:6]), instant_text(self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

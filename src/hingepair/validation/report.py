@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import printable
-from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
+from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
 # The heading of the table of rates.
@@ -163,7 +163,7 @@ class CrossValidation(Shown):
     @property
     def verdict(self) -> str:
         """The outcome in a line."""
-        beside = left_out(self.skipped, self.samples)
+        beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
         failed = [row.output for row in self.rows + self.forces if not row.ok]
@@ -181,13 +181,13 @@ class CrossValidation(Shown):
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        lines = [title, *aligned([_OUTPUT_HEADING, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
+        lines = [title, *align_columns([_OUTPUT_HEADING, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
         if self.forces:
             lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += aligned([_OUTPUT_HEADING, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
+            lines += align_columns([_OUTPUT_HEADING, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
         if self.rates:
             lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
-            lines += aligned([_RATE_HEADING, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
+            lines += align_columns([_RATE_HEADING, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
         return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
 
     def __repr__(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
+from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import PINOCCHIO_BOUND
 
 _ROBOT_REPORT_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
@@ -118,7 +118,7 @@ class RobotValidation(Shown):
     @property
     def verdict(self) -> str:
         """The outcome in a line."""
-        beside = left_out(self.skipped, self.samples)
+        beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
         failed = [row.output for row in self.rows if not row.ok]
@@ -131,7 +131,7 @@ class RobotValidation(Shown):
 
     def __str__(self) -> str:
         title, lines, notes = self._sheet()
-        return "\n".join((printable(title), *aligned(lines, {1, 2, 3, 4, 6}), *notes))
+        return "\n".join((printable(title), *align_columns(lines, {1, 2, 3, 4, 6}), *notes))
 
     def __repr__(self) -> str:
         return f"RobotValidation({self.name!r}, {self.verdict})"

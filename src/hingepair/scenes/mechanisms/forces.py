@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import Sheet, cell, instant
+from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
 from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
 from hingepair.scenes.logged_motion import ORDER
@@ -197,16 +197,22 @@ def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [(*_FORCE_TABLE_HEADINGS, "by noise") if logged else _FORCE_TABLE_HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
-        sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit_text(load.effort_limit), use
+        sizes = (
+            cell_text(load.rms),
+            cell_text(load.largest),
+            instant_text(load.t_of_largest),
+            _limit_text(load.effort_limit),
+            use,
+        )
         both = zip(load.position, load.position_limits, strict=True)
-        q = (text for value, limit in both for text in (cell(value), _limit_text(limit)))
+        q = (text for value, limit in both for text in (cell_text(value), _limit_text(limit)))
         noise = [f"{load.noise:.2g}"] if logged else []
-        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit_text(load.rate_limit), *noise))
+        rows.append((load.joint, load.unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit), *noise))
     return rows
 
 
 def _limit_text(value: float) -> str:
-    return cell(value) if math.isfinite(value) else ""
+    return cell_text(value) if math.isfinite(value) else ""
 
 
 def _joint_load(
@@ -250,5 +256,5 @@ def _beyond(load: JointLoad, samples: int) -> Iterator[str]:
     if load.beyond:
         yield (
             f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "
-            f"at {load.beyond} of {samples} instants, first at t = {instant(load.t_of_first)} s"
+            f"at {load.beyond} of {samples} instants, first at t = {instant_text(load.t_of_first)} s"
         )

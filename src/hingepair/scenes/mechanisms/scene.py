@@ -17,7 +17,7 @@ from hingepair.integration.trajectory import describe_instants
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
-from hingepair.numeric.tables import Sheet, cell, unit_of
+from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.results import Result
@@ -251,7 +251,7 @@ class MechanismScene(Sampled):
             ("t", self.span, "s"),
             ("frames", ", ".join(self.frames), ""),
             ("outputs", ", ".join(self.outputs or ("the motion of frames and joints",)), ""),
-            *((name, cell(value), "") for name, value in self.constants.items()),
+            *((name, cell_text(value), "") for name, value in self.constants.items()),
         ]
         return Sheet(self.title, (("", "value", "unit"), *rows))
 
