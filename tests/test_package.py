@@ -200,8 +200,8 @@ SHARED_NAMES = {
     *("skew", "unskew", "jacobian", "constraint_jacobian"),
     # one quantity, of a pair and of a tree
     *("kinetic_energy", "mass_matrix"),
-    # one alias of types, and the zero vector
-    *("Array", "Columns", "Tail", "Returned", "_ZERO"),
+    # one alias of types
+    *("Array", "Columns", "Tail", "Returned"),
     # one function, of traced values and of arrays of another library, and of pairs and of mechanisms
     *("where_less", "error_bounds"),
     # one quantity, of a hinge and of a circle, or in a finding and in the command that prints it

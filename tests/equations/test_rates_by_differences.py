@@ -113,7 +113,7 @@ def test_rates_of_euler_angles(pair):
         same(turns, axis(i)(mpf(0)))
         same(rates, rate(axis(i)))
     pivot = mpmath.cos(pair.angles[0][1]) if pair.kind == "tait_bryan" else -mpmath.sin(pair.angles[0][1])
-    same([eq.euler_rate_along(axes, omega)], [phid[2] * pivot])
+    same([eq.scaled_third_rate(axes, omega)], [phid[2] * pivot])
     same(eq.euler_rates1(axes, omega, phid[2]), phid)
 
 
@@ -148,11 +148,11 @@ def test_matrices():
     same(eq.unskew(tuple_of(S)), vee(S))
     same(eq.rotate(tuple_of(S), w), S * column(w))
     same(eq.transpose(tuple_of(S)), tuple_of(S.T))
-    same(eq.angular_velocity_of(tuple_of(S), vector(43, 9)), tuple_of(matrix(vector(43, 9)) * S.T))
+    same(eq.angular_velocity_matrix(tuple_of(S), vector(43, 9)), tuple_of(matrix(vector(43, 9)) * S.T))
     product = S * S.T - mpmath.eye(3)
     six = [product[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))]
-    same(eq.orthonormality(tuple_of(S)), [*six, mpmath.det(S)])
-    same(der.spun(w, tuple_of(S)), tuple_of(hat(w) * S))
+    same(eq.orthonormality_terms(tuple_of(S)), [*six, mpmath.det(S)])
+    same(der.rotation_rate(w, tuple_of(S)), tuple_of(hat(w) * S))
     same(der.negative(w), [-x for x in w])
 
 
@@ -231,13 +231,13 @@ class Free:
 
     def tilt(self, s=0):
         (f1, f2, h1), (_, _, h2) = self.frames(s)
-        across = eq.cross(h1, h2)
-        return column([eq.dot(across, f1), eq.dot(across, f2)])
+        projection_across = eq.cross(h1, h2)
+        return column([eq.dot(projection_across, f1), eq.dot(projection_across, f2)])
 
     def psi(self, s=0):
         """The twist of body 2 about the axis."""
         (f1, f2, _), (g1, g2, _) = self.frames(s)
-        return mpmath.atan2(*con.hinge_turn((f1, f2), g1, g2))
+        return mpmath.atan2(*con.hinge_angle_terms((f1, f2), g1, g2))
 
 
 @pytest.mark.slow
@@ -246,7 +246,7 @@ def test_residuals_of_two_motions_and_their_rates():
     (f1, f2, h1), (_, _, h2) = free.frames()
     omega = tuple(free.one.omega()), tuple(free.two.omega())
     alpha = tuple(free.one.alpha), tuple(free.two.alpha)
-    spin, twist = con.relative_turn(*omega), con.relative_turn(*alpha)
+    spin, twist = con.relative_rate(*omega), con.relative_rate(*alpha)
     same(spin, free.two.omega() - free.one.omega())
     same(con.tilt(f1, f2, h2), free.tilt())
     axes = con.tilt_axes(f1, f2, h2)
@@ -276,7 +276,7 @@ def test_the_hinge_angle_of_two_attitudes():
     (psi,) = pair.psi[0]
     f1, f2, _ = (tuple(pair.S() * e) for e in free.frame)
     g1, g2, _ = (tuple(pair.S() * turn(n, psi) * e) for e in free.frame)
-    same(con.hinge_turn((f1, f2), g1, g2), [2 * mpmath.sin(psi), 2 * mpmath.cos(psi)])
+    same(con.hinge_angle_terms((f1, f2), g1, g2), [2 * mpmath.sin(psi), 2 * mpmath.cos(psi)])
 
 
 G = (mpf("0.3"), mpf("-0.2"), mpf("-9.81"))
@@ -307,7 +307,7 @@ def test_force_torque_energy_and_momentum_of_a_cloud_of_points():
     momentum = cloud.total(lambda m, p: hat(place(p)(mpf(0))) * (m * rate(place(p))))
     at_centre = tuple(body.R() + body.S() * cloud.centre)
     same(dyn.angular_momentum(cloud.mass, at_centre, velocity, world, omega), momentum)
-    same(dyn.spread(mpf(2), r), tuple_of(2 * hat(r).T * hat(r)))
+    same(dyn.point_mass_inertia(mpf(2), r), tuple_of(2 * hat(r).T * hat(r)))
     same(dyn.matrix_sum(S, world), [a + b for a, b in zip(S, world, strict=True)])
     height = dyn.potential_energy(mpf(2), at_centre, mpf(3), r, G)
     same([height], [-2 * (g.T * column(at_centre))[0] - 3 * (g.T * column(r))[0]])
@@ -328,8 +328,8 @@ def masses(pair, one, two):
     e = tuple(pair.R2() - pair.R() + S2 * two.centre)
     push = tuple(hat(axis) * arm)
     J2 = dyn.world_inertia(tuple_of(S2), tuple_of(two.inertia))
-    J1 = dyn.matrix_sum(dyn.world_inertia(tuple_of(S1), tuple_of(one.inertia)), dyn.spread(one.mass, r1))
-    about = dyn.resistance(dyn.matrix_sum(J1, J2), J2, axis, push, two.mass, e)
+    J1 = dyn.matrix_sum(dyn.world_inertia(tuple_of(S1), tuple_of(one.inertia)), dyn.point_mass_inertia(one.mass, r1))
+    about = dyn.pair_inertia(dyn.matrix_sum(J1, J2), J2, axis, push, two.mass, e)
     return r1, e, push, about, J2
 
 
@@ -345,19 +345,19 @@ def test_the_mass_matrix_is_that_of_the_kinetic_energy():
     lower = [M[i, j] for i in range(7) for j in range(i + 1)]
     x, _ = dyn.solve_symmetric(tuple(lower), vector(141, 7))
     same(x, mpmath.lu_solve(M, column(vector(141, 7))))
-    alpha1, psidd, kept = dyn.turning(about, J2, vector(142), mpf(2))
+    alpha1, psidd, kept = dyn.angular_accelerations(about, J2, vector(142), mpf(2))
     same([*alpha1, psidd], mpmath.lu_solve(M[3:7, 3:7], column([*vector(142), 2])))
     assert all(0 < share <= 1 for share in kept)
-    L = dyn.momentum_about(about, vector(143), mpf("0.6"))
+    L = dyn.pair_angular_momentum(about, vector(143), mpf("0.6"))
     same(L, M[3:6, 3:7] * column([*vector(143), mpf("0.6")]))
-    same(dyn.spin_of_momentum(about, L, mpf("0.6")), vector(143))
+    same(dyn.omega1_from_momentum(about, L, mpf("0.6")), vector(143))
 
 
 def test_what_body1_does_by_the_common_centre():
     """R1 = centre - share of levers: its rate where body 1 turns and the hinge pushes."""
     spin, centre, push = vector(151), vector(152), vector(153)
     expected = column(vector(154)) - hat(spin) * column(centre) - column(push) * mpf("0.3")
-    same(dyn.from_centre(vector(154), spin, centre, push, mpf("0.3")), expected)
+    same(dyn.reference_point_rate(vector(154), spin, centre, push, mpf("0.3")), expected)
 
 
 def test_cayley_s_map_and_its_rate():

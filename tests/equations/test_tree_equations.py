@@ -42,7 +42,7 @@ class Tree:
             None if slides else (mpmath.sin(q), mpmath.cos(q))
             for (_, slides), q in zip(JOINTS, self.q[0], strict=True)
         ]
-        self.places = trees.places(
+        self.places = trees.joint_placements(
             self.links, turns, [q if slides else None for (_, slides), q in zip(JOINTS, self.q[0], strict=True)]
         )
 
@@ -74,7 +74,7 @@ class Tree:
 
     def beyond(self, joint):
         """The bodies that a joint carries."""
-        return [k for k in range(len(JOINTS) + 1) if joint in trees.path(self.links, k)]
+        return [k for k in range(len(JOINTS) + 1) if joint in trees.joints_to_base(self.links, k)]
 
 
 def moments(cloud):
@@ -113,7 +113,14 @@ def own_axes(tree, body, v):
 
 
 def test_paths_lead_to_the_base(tree):
-    assert [trees.path(tree.links, k) for k in range(6)] == [set(), {1}, {1, 2}, {1, 2, 3}, {1, 4}, {1, 4, 5}]
+    assert [trees.joints_to_base(tree.links, k) for k in range(6)] == [
+        set(),
+        {1},
+        {1, 2},
+        {1, 2, 3},
+        {1, 4},
+        {1, 4, 5},
+    ]
 
 
 def test_motion_of_bodies_and_frames(tree, truth):
@@ -134,7 +141,7 @@ def test_motion_of_bodies_and_frames(tree, truth):
     same(frame.d, place(mpf(0)) - tree.base.R())
     same(trees.frame_velocity(frame, rates[3])[0], rate(place))
     same(trees.frame_acceleration(frame, rates[3][1], found[3])[0], rate(place, 2))
-    columns = trees.base_columns(frame.d) + trees.point_columns(tree.links, bodies, 3, frame.d)
+    columns = trees.base_jacobian_columns(frame.d) + trees.point_jacobian_columns(tree.links, bodies, 3, frame.d)
     speeds = [*velocities[0][0], *velocities[0][1], *tree.q[1]]
     for part, expected in ((0, rate(place)), (1, tree.omega(3))):
         same(
@@ -144,12 +151,12 @@ def test_motion_of_bodies_and_frames(tree, truth):
 
 def test_forces_are_those_of_the_points_beyond_each_joint(tree, truth):
     _, changes, points = truth
-    feels = trees.accelerations(
+    feels = trees.accelerations_in_own_axes(
         tree.links, tree.places, tree.q[1], tree.q[2],
         own_axes(tree, 0, tree.omega(0)), own_axes(tree, 0, changes[0][1]),
         own_axes(tree, 0, changes[0][0] - column(G)),
     )  # fmt: skip
-    wrenches = trees.inward(tree.links, tree.places, trees.inertial_wrenches(tree.root, tree.links, feels))
+    wrenches = trees.sum_inward(tree.links, tree.places, trees.inertial_wrenches(tree.root, tree.links, feels))
     along = trees.along_axes(tree.links, wrenches)
     efforts = trees.driving_efforts(tree.links, wrenches, tree.q[2])
     rotors = [rotor * change for rotor, change in zip(tree.rotors, tree.q[2], strict=True)]
@@ -171,7 +178,7 @@ def whole_mass_matrix(tree):
     S = tuple_of(tree.base.S())
     rows, on_base = trees.mass_matrix(tree.links, tree.places, matter)
     M = mpmath.zeros(11)
-    for i, row in enumerate(trees.base_block(S, matter[0])):
+    for i, row in enumerate(trees.base_mass_rows(S, matter[0])):
         for j, entry in enumerate(row):
             M[i, j] = M[j, i] = entry
     for i, (row, wrench) in enumerate(zip(rows, on_base, strict=True), 6):
@@ -189,10 +196,10 @@ def test_the_mass_matrix_is_that_of_the_kinetic_energy(tree, truth):
     energy = sum(m * mpmath.norm(v) ** 2 / 2 for own in points for m, _, v, _ in own)
     energy += sum(rotor * rate**2 / 2 for rotor, rate in zip(tree.rotors, tree.q[1], strict=True))
     same([(speeds.T * M * speeds)[0] / 2], [energy])
-    bodies = trees.velocities(
+    bodies = trees.velocities_in_own_axes(
         tree.links, tree.places, tree.q[1], own_axes(tree, 0, velocities[0][0]), own_axes(tree, 0, velocities[0][1])
     )
-    momenta = trees.momenta(tree.root, tree.links, bodies)
+    momenta = trees.body_momenta(tree.root, tree.links, bodies)
     same([trees.kinetic_energy(tree.links, bodies, momenta, tree.q[1])], [energy])
     for k, (R, S) in enumerate(tree.poses()):
         same(bodies[k][0], S.T * velocities[k][0])
@@ -219,8 +226,8 @@ def test_forward_dynamics_solve_the_mass_matrix(tree):
     """From rest, without gravity: the joints of a base that is moved, and what they leave of its resistance."""
     M, loads = whole_mass_matrix(tree), vector(341, len(JOINTS))
     alpha, a = vector(342), vector(343)
-    steps, resistance = trees.articulated(tree.root, tree.links, tree.places, lambda pivot: 1 / pivot)
-    left, at_base = trees.given_way(tree.links, tree.places, steps, loads)
+    steps, resistance = trees.eliminate_joints(tree.root, tree.links, tree.places, lambda pivot: 1 / pivot)
+    left, at_base = trees.accelerations_by_loads(tree.links, tree.places, steps, loads)
     S = tree.base.S()
     qdd = trees.joint_accelerations(
         tree.links, tree.places, steps, left, tuple(S.T * column(alpha)), tuple(S.T * column(a))
@@ -228,7 +235,10 @@ def test_forward_dynamics_solve_the_mass_matrix(tree):
     expected = mpmath.lu_solve(M[6:11, 6:11], column(loads) - M[6:11, 0:6] * column([*a, *alpha]))
     same(qdd, expected)
     whole = M * column([*a, *alpha, *expected])
-    J, H, M0 = (matrix3(tree, part) for part in (trees.full(resistance.J), resistance.H, trees.full(resistance.M)))
+    J, H, M0 = (
+        matrix3(tree, part)
+        for part in (trees.full_matrix(resistance.J), resistance.H, trees.full_matrix(resistance.M))
+    )
     force = M0 * column(a) + H.T * column(alpha) + S * column(at_base[0])
     torque = J * column(alpha) + H * column(a) + S * column(at_base[1])
     same([*force, *torque], whole[0:6])
@@ -246,7 +256,10 @@ def matrix3(tree, entries):
 def test_symmetric_matrices():
     A, B = vector(351, 6), vector(352, 6)
     S, pair = turn(unit(vector(353)), mpf(1)), (mpmath.sin(mpf(2)), mpmath.cos(mpf(2)))
-    full_A, about_z = mpmath.matrix([list(trees.full(A)[i : i + 3]) for i in (0, 3, 6)]), turn([0, 0, 1], mpf(2))
+    full_A, about_z = (
+        mpmath.matrix([list(trees.full_matrix(A)[i : i + 3]) for i in (0, 3, 6)]),
+        turn([0, 0, 1], mpf(2)),
+    )
 
     def upper(m):
         return [m[i, j] for i in range(3) for j in range(i, 3)]
@@ -255,11 +268,11 @@ def test_symmetric_matrices():
     same(trees.symmetric_sum(A, B), [a + b for a, b in zip(A, B, strict=True)])
     same(trees.conjugate(tuple_of(S), A), upper(S * full_A * S.T))
     same(trees.turned_symmetric(pair, A), upper(about_z * full_A * about_z.T))
-    same(trees.inertia_of(A), upper((A[0] + A[3] + A[5]) * mpmath.eye(3) - full_A))
+    same(trees.inertia_from_moment(A), upper((A[0] + A[3] + A[5]) * mpmath.eye(3) - full_A))
     x, y = column(vector(354)), column(vector(355))
     same(trees.outer_sum(tuple(x), tuple(y)), upper(x * y.T + y * x.T))
     C = mpmath.matrix([list(vector(356)), list(vector(357)), list(vector(358))])
-    same(trees.turned_pair(pair, tuple_of(C)), tuple_of(about_z * C * about_z.T))
+    same(trees.turned_matrix(pair, tuple_of(C)), tuple_of(about_z * C * about_z.T))
     same(trees.turned_columns(tuple_of(C), pair), tuple_of(C * about_z))
     same(trees.turned(pair, tuple(x)), about_z * x)
     same(trees.turned_back(pair, tuple(x)), about_z.T * x)

@@ -66,11 +66,15 @@ _ATTITUDE_STEPS = {
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_SPIN_STEP = Step("omega1", dyn.spin_of_momentum, ("inertia_about_point", "angular_momentum", "psid"))
+_SPIN_STEP = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
 _BASE_STEPS = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
-        Step("offset_velocity", dyn.from_centre, ("none", "omega1", "centre", "partial_velocity2", "psid_fraction")),
+        Step(
+            "offset_velocity",
+            dyn.reference_point_rate,
+            ("none", "omega1", "centre", "partial_velocity2", "psid_fraction"),
+        ),
         Step("velocity", lambda momentum, mass: eq.scale(momentum, 1 / mass), ("momentum", "mass")),
         Step("v1", eq.add, ("velocity", "offset_velocity")),
         Step("net_force", eq.add, ("total_force", "weight")),
@@ -86,7 +90,7 @@ _BASE_STEPS = {
 _RATE_STEPS = (
     Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("base_point", "point")),
-    Step("initial_angular_momentum", dyn.momentum_about, ("inertia_about_point", "omega1", "psid")),
+    Step("initial_angular_momentum", dyn.pair_angular_momentum, ("inertia_about_point", "omega1", "psid")),
     Step("state_rates", lambda v, force, torque, g_rate, psid, psidd: (*v, *force, *torque, *g_rate, psid, psidd),
          ("velocity", "net_force", "net_torque", "g_rate", "psid", "psidd")),
 )  # fmt: skip

@@ -18,89 +18,105 @@ Two = tuple[Scalar, Scalar]
 
 
 def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
-    """Return the components of h1 x h2 along f1 and f2, -f2 . h2 and f1 . h2 (E5); 0 where the axes are parallel."""
+    """Return the sine components of the angle between both hinge axes: h1 x h2 along f1 and along f2 (E5).
+
+    They are -f2 . h2 and f1 . h2; 0 where the axes are parallel.
+    """
     return -eq.dot(f2, h2), eq.dot(f1, h2)
 
 
 def tilt_axes(f1: Vector, f2: Vector, h2: Vector) -> tuple[Vector, Vector]:
-    """Return the axes c with tilt' = c . (omega2 - omega1): f1 and f2 themselves where the hinge is not tilted."""
+    """Return the two axes whose inner products with omega2 - omega1 are the time derivative of `tilt`.
+
+    They are f1 and f2 themselves where the hinge is not tilted.
+    """
     return eq.cross(f2, h2), eq.cross(h2, f1)
 
 
-def relative_turn(omega1: Vector, omega2: Vector) -> Vector:
-    """Return omega2 - omega1, or alpha2 - alpha1: the turning of body 2 against body 1."""
-    return eq.subtract(omega2, omega1)
+def relative_rate(body1_rate: Vector, body2_rate: Vector) -> Vector:
+    """Return the difference of both bodies' angular velocities (omega2 - omega1), or angular accelerations."""
+    return eq.subtract(body2_rate, body1_rate)
 
 
-def tilt_rate(axes: tuple[Vector, Vector], spin: Vector) -> Two:
-    """Return the tilt's rate c . (omega2 - omega1) (E2); spin = omega2 - omega1."""
-    return eq.dot(axes[0], spin), eq.dot(axes[1], spin)
+def tilt_rate(tilt_axes: tuple[Vector, Vector], relative_omega: Vector) -> Two:
+    """Return the time derivative of `tilt` (E2), from `tilt_axes` and omega2 - omega1."""
+    return eq.dot(tilt_axes[0], relative_omega), eq.dot(tilt_axes[1], relative_omega)
 
 
-def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, spin: Vector) -> Two:
-    """Return the part of the tilt's second derivative that is free of alpha: c' . (omega2 - omega1)."""
+def tilt_bias(
+    f_axes: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, relative_omega: Vector
+) -> Two:
+    """Return the second derivative of `tilt` where both angular accelerations are 0; f_axes = (f1, f2).
+
+    It is c' . (omega2 - omega1), with the axes c of `tilt_axes`.
+    """
     h2_rate = eq.cross(omega2, h2)
-    c1_rate = eq.add(eq.cross(eq.cross(omega1, f[1]), h2), eq.cross(f[1], h2_rate))
-    c2_rate = eq.add(eq.cross(h2_rate, f[0]), eq.cross(h2, eq.cross(omega1, f[0])))
-    return eq.dot(c1_rate, spin), eq.dot(c2_rate, spin)
+    axis1_rate = eq.add(eq.cross(eq.cross(omega1, f_axes[1]), h2), eq.cross(f_axes[1], h2_rate))
+    axis2_rate = eq.add(eq.cross(h2_rate, f_axes[0]), eq.cross(h2, eq.cross(omega1, f_axes[0])))
+    return eq.dot(axis1_rate, relative_omega), eq.dot(axis2_rate, relative_omega)
 
 
-def tilt_acceleration(axes: tuple[Vector, Vector], turn: Vector, bias: Two) -> Two:
-    """Return the tilt's second derivative (E2 differentiated); turn = alpha2 - alpha1."""
-    return eq.dot(axes[0], turn) + bias[0], eq.dot(axes[1], turn) + bias[1]
+def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, bias: Two) -> Two:
+    """Return the second time derivative of `tilt` (E2), from alpha2 - alpha1 and the result of `tilt_bias`."""
+    return eq.dot(tilt_axes[0], relative_alpha) + bias[0], eq.dot(tilt_axes[1], relative_alpha) + bias[1]
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return the residual of E2 where psi' is known: omega2 - omega1 - S2 C^T n psi'."""
+    """Return the residual of E2 where psi' is known: omega2 - omega1 - h2 psi', with h2 = S2 C^T n."""
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the residual of E1, differentiated: (R1 + r1)' - (R2 + r2)'."""
+    """Return the first time derivative of the residual of E1: (R1 + r1)' - (R2 + r2)'."""
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
-def gap_acceleration(a1: Vector, turned1: Vector, a2: Vector, turned2: Vector) -> Vector:
-    """Return the residual of E1, differentiated twice; turned_i = r_i''."""
-    return eq.subtract(eq.add(a1, turned1), eq.add(a2, turned2))
+def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceleration: Vector) -> Vector:
+    """Return the second time derivative of the residual of E1, from a_i of R_i and the accelerations r_i''."""
+    return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the part of the gap's second derivative that is free of a and alpha."""
+    """Return the second time derivative of the residual of E1 where all accelerations of the bodies are 0."""
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
-def constraint_jacobian(r1: Vector, r2: Vector, axes: tuple[Vector, Vector]) -> Entries:
-    """Return the derivative of (gap', tilt') by (v1, omega1, v2, omega2), 5 x 12."""
+def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
+    """Return the derivative of the rates of gap (E1) and tilt (E2) by (v1, omega1, v2, omega2), 5 x 12."""
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
         (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])
         for i, unit in enumerate(WORLD_AXES)
     ]
     zero = (0.0, 0.0, 0.0)
-    tilt_rows = [(*zero, -c[0], -c[1], -c[2], *zero, *c) for c in axes]
+    tilt_rows = [(*zero, -c[0], -c[1], -c[2], *zero, *c) for c in tilt_axes]
     return tuple(entry for row in (*gap_rows, *tilt_rows) for entry in row)
 
 
-def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
-    """Return (sin psi, cos psi) times one positive factor, from Sh = S1^T S2 C^-1 (E5, E6).
+def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
+    """Return (sin psi, cos psi) times a common positive factor, from the frames of the hinge in both bodies.
 
-    The factor is 1 + h1 . h2, 2 on a hinge: of a tilted one, psi is the twist about the axis.
+    From Sh = S1^T S2 C^-1 (E5, E6). The factor is 1 + h1 . h2, which is 2 unless the hinge is tilted.
+    Of a tilted hinge, psi is the twist about the axis.
     """
-    f1, f2 = f
+    f1, f2 = f_axes
     return eq.dot(f2, g1) - eq.dot(f1, g2), eq.dot(f1, g1) + eq.dot(f2, g2)
 
 
-def hinge_rate(h1: Vector, h2: Vector, spin: Vector) -> Two:
-    """Return psi' of tilted hinges too, as a fraction: (omega2 - omega1) . (h1 + h2) over 1 + h1 . h2."""
-    return eq.dot(spin, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
+def hinge_rate(h1: Vector, h2: Vector, relative_omega: Vector) -> Two:
+    """Return numerator and denominator of psi', also of tilted hinges: (omega2 - omega1) . (h1 + h2), 1 + h1 . h2."""
+    return eq.dot(relative_omega, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
 
 def hinge_acceleration(
-    h: tuple[Vector, Vector], omega: tuple[Vector, Vector], spin: Vector, turn: Vector, psid: Scalar
+    h_axes: tuple[Vector, Vector],
+    omegas: tuple[Vector, Vector],
+    relative_omega: Vector,
+    relative_alpha: Vector,
+    psid: Scalar,
 ) -> Two:
-    """Return psi'' as a fraction: `hinge_rate` differentiated; turn = alpha2 - alpha1."""
-    h1, h2 = h
-    middle_rate = eq.add(eq.cross(omega[0], h1), eq.cross(omega[1], h2))
-    numerator = eq.dot(turn, eq.add(h1, h2)) + eq.dot(spin, middle_rate)
-    return numerator - psid * eq.dot(spin, eq.cross(h2, h1)), 1.0 + eq.dot(h1, h2)
+    """Return numerator and denominator of psi'', the time derivative of `hinge_rate`, as a pair."""
+    h1, h2 = h_axes
+    middle_rate = eq.add(eq.cross(omegas[0], h1), eq.cross(omegas[1], h2))
+    numerator = eq.dot(relative_alpha, eq.add(h1, h2)) + eq.dot(relative_omega, middle_rate)
+    return numerator - psid * eq.dot(relative_omega, eq.cross(h2, h1)), 1.0 + eq.dot(h1, h2)

@@ -36,25 +36,28 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return the force m (a_c - g) that the acceleration of a body's centre of mass requires (D1)."""
+    """Return m (a_c - g), the total force on a body whose centre of mass is at r from the point moved by a (D1)."""
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """Return the torque about its centre of mass that the rotation of a body requires (D2, Euler's equation)."""
-    back = transpose(S)
-    spin = rotate(back, omega)
-    momentum = rotate(inertia, spin)
-    return rotate(S, add(rotate(inertia, rotate(back, alpha)), cross(spin, momentum)))
+    """Return the torque about its centre of mass by which a body turns so (D2, Euler's equation); world axes."""
+    to_body = transpose(S)
+    body_omega = rotate(to_body, omega)
+    body_momentum = rotate(inertia, body_omega)
+    return rotate(S, add(rotate(inertia, rotate(to_body, alpha)), cross(body_omega, body_momentum)))
 
 
 def torque_about(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return a torque about a point from that about another, where the force acts, at the lever (D3, D5)."""
+    """Return a torque about a point, from that about another point that lies at `lever` from it (D3, D5).
+
+    The force acts at the other point: lever x force is added.
+    """
     return add(torque, cross(lever, force))
 
 
 def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return a torque about the point to which the lever leads, from that about its start, where the force acts."""
+    """Return a torque about the point at `lever`, from that about the origin of `lever`, where the force acts."""
     return subtract(torque, cross(lever, force))
 
 
@@ -63,8 +66,8 @@ def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
     return compose(compose(S, inertia), transpose(S))
 
 
-def spread(mass: Scalar, r: Vector) -> Matrix:
-    """Return -m [r]x [r]x, the inertia of a mass at r."""
+def point_mass_inertia(mass: Scalar, r: Vector) -> Matrix:
+    """Return the inertia matrix -m [r]x [r]x of a point mass at r, about the point from which r leads."""
     x, y, z = r
     xx, yy, zz = mass * (x * x), mass * (y * y), mass * (z * z)
     xy, yz, zx = -(mass * (x * y)), -(mass * (y * z)), -(mass * (z * x))
@@ -77,53 +80,68 @@ def matrix_sum(A: Matrix, B: Matrix) -> Matrix:
     return a, b, c, d, e, f, g, h, i
 
 
-Resistance: TypeAlias = tuple[Matrix, Vector, Scalar]
-"""What resists alpha1 and psi'' about a point: by alpha1, by both, by psi'' (the lower right of M, if that is R1)."""
+PairInertia: TypeAlias = tuple[Matrix, Vector, Scalar]
+"""Inertia of a pair about a point: of alpha1 (3 x 3), its coupling with psi'', of psi''; about R1, entries of M."""
 
 
-def resistance(J: Matrix, J2: Matrix, axis: Vector, push: Vector, mass: Scalar, lever: Vector) -> Resistance:
-    """Return the resistance of a body about a point: its inertia J, and a mass at a lever that psi' moves by push.
+def pair_inertia(
+    J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
+) -> PairInertia:
+    """Return a pair's inertia about a point: J and a mass at `lever`; its coupling with psi''; that of psi''.
 
     About R1, that is body 2's mass at e, J with body 1's at r1; about the common centre, where no term cancels, the
     reduced mass m1 m2 / (m1 + m2) at e - r1.
     """
-    pushed, own = scale(push, mass), rotate(J2, axis)
-    return matrix_sum(J, spread(mass, lever)), add(own, cross(lever, pushed)), dot(axis, own) + dot(push, pushed)
+    momentum, axis_inertia = scale(partial_velocity, mass), rotate(J2, axis)
+    return (
+        matrix_sum(J, point_mass_inertia(mass, lever)),
+        add(axis_inertia, cross(lever, momentum)),
+        dot(axis, axis_inertia) + dot(partial_velocity, momentum),
+    )
 
 
-def mass_matrix(m1: Scalar, m2: Scalar, r1: Vector, e: Vector, push: Vector, about: Resistance) -> Entries:
-    """Return M of D6 about R1, 7 x 7, row by row; push = k x h is the velocity of body 2's centre for psi' = 1."""
+def mass_matrix(
+    m1: Scalar, m2: Scalar, r1: Vector, e: Vector, partial_velocity2: Vector, inertia_about_R1: PairInertia
+) -> Entries:
+    """Return M of D6, 7 x 7, row by row; partial_velocity2 is the velocity of body 2's centre for psi' = 1."""
     zero = 0 * m1
     total = m1 + m2
     x, y, z = add(scale(r1, m1), scale(e, m2))
-    px, py, pz = scale(push, m2)
-    J, turn, last = about
+    px, py, pz = scale(partial_velocity2, m2)
+    J, coupling, hinge_inertia = inertia_about_R1
     return (
         total, zero, zero, zero, z, -y, px,
         zero, total, zero, -z, zero, x, py,
         zero, zero, total, y, -x, zero, pz,
-        zero, -z, y, J[0], J[3], J[6], turn[0],
-        z, zero, -x, J[3], J[4], J[7], turn[1],
-        -y, x, zero, J[6], J[7], J[8], turn[2],
-        px, py, pz, *turn, last,
+        zero, -z, y, J[0], J[3], J[6], coupling[0],
+        z, zero, -x, J[3], J[4], J[7], coupling[1],
+        -y, x, zero, J[6], J[7], J[8], coupling[2],
+        px, py, pz, *coupling, hinge_inertia,
     )  # fmt: skip
 
 
-def turning(about: Resistance, J2: Matrix, torque: Vector, hinge_torque: Scalar) -> tuple[Vector, Scalar, Entries]:
-    """Return alpha1 and psi'' from the loads about a point, and the shares of the inertias left as pivots (D6).
+def angular_accelerations(
+    inertia: PairInertia, J2: Matrix, torque: Vector, hinge_torque: Scalar
+) -> tuple[Vector, Scalar, Entries]:
+    """Return alpha1, psi'' and 4 pivots over their diagonal entries, from the torques about a point (D6).
 
-    4 x 4, symmetric and positive definite, factored as L D L^T.
+    A ratio near 0 says that the inertia is singular.
+
+    The matrix is 4 x 4, symmetric and positive definite; it is factored as L D L^T.
     """
-    J, turn, last = about
-    (ax, ay, az, psidd), (px, py, pz, rest) = solve_symmetric(
-        (J[0], J[3], J[4], *J[6:9], *turn, last), (*torque, hinge_torque)
+    J, coupling, hinge_inertia = inertia
+    (ax, ay, az, psidd), (px, py, pz, p_hinge) = solve_symmetric(
+        (J[0], J[3], J[4], *J[6:9], *coupling, hinge_inertia), (*torque, hinge_torque)
     )
-    kept = (px / J[0], py / J[4], pz / J[8], rest / (last + (J2[0] + J2[4] + J2[8])))
-    return (ax, ay, az), psidd, kept
+    pivot_ratios = (px / J[0], py / J[4], pz / J[8], p_hinge / (hinge_inertia + (J2[0] + J2[4] + J2[8])))
+    return (ax, ay, az), psidd, pivot_ratios
 
 
 def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
-    """Solve A x = b for a symmetric positive definite A, by L D L^T; A is its lower half, row by row; x and D."""
+    """Solve A x = b by L D L^T, A symmetric positive definite; return x and the pivots D.
+
+    A is given by its entries on and below the diagonal, row by row.
+    """
     size = len(b)
     lower: list[list[Scalar]] = []
     pivots: list[Scalar] = []
@@ -149,9 +167,9 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
     return tuple(x), tuple(pivots)
 
 
-def kinetic_energy(mass: Scalar, velocity: Vector, spin: Vector, inertia: Matrix) -> Scalar:
-    """Return T of one body (D7), from its centre's velocity and from its spin and inertia in the same axes."""
-    return (mass * dot(velocity, velocity) + dot(spin, rotate(inertia, spin))) * 0.5
+def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
+    """Return T of one body (D7). velocity is that of its centre of mass; omega and inertia have the same axes."""
+    return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
 
 
 def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
@@ -160,30 +178,30 @@ def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
 
 
 def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
-    """Return L of one body about the origin (D8); R leads to its centre of mass, whose velocity is given."""
+    """Return L of one body about the origin (D8). R and velocity are those of its centre of mass, world axes."""
     return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """Return the part of a force and torque on body 2 that turns it about the hinge; r2 = S2 u2 (D4)."""
+    """Return the hinge torque of a force and torque on body 2: their part about the hinge axis; r2 = S2 u2 (D4)."""
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
-def potential_energy(m1: Scalar, at1: Vector, m2: Scalar, at2: Vector, gravity: Vector) -> Scalar:
-    """Return U (D7); at1, at2 lead from the origin to the centres of mass."""
-    return -(m1 * dot(gravity, at1) + m2 * dot(gravity, at2))
+def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
+    """Return U of both bodies (D7); centre1 and centre2 are their centres of mass from the origin."""
+    return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
 
 
-def linear_momentum(m1: Scalar, v1: Vector, m2: Scalar, v2: Vector) -> Vector:
-    """Return P from the centres' velocities (D8)."""
-    return add(scale(v1, m1), scale(v2, m2))
+def linear_momentum(m1: Scalar, v_centre1: Vector, m2: Scalar, v_centre2: Vector) -> Vector:
+    """Return the linear momentum P of both bodies, from the velocities of their centres of mass (D8)."""
+    return add(scale(v_centre1, m1), scale(v_centre2, m2))
 
 
 def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
-    """Return S turned by 2 atan(|g| / 2) about g, world axes (Cayley's map); near 0, g is the rotation vector."""
+    """Return S turned by 2 atan(|g| / 2) about the world vector g (Cayley's map); small g are rotation vectors."""
     x, y, z = scale(g, 0.5)
-    share = 2 / (1 + (x * x + y * y + z * z))
-    sx, sy, sz = share * x, share * y, share * z
+    factor = 2 / (1 + (x * x + y * y + z * z))
+    sx, sy, sz = factor * x, factor * y, factor * z
     turn = (
         1 - (sy * y + sz * z), sx * y - sz, sx * z + sy,
         sx * y + sz, 1 - (sx * x + sz * z), sy * z - sx,
@@ -193,23 +211,28 @@ def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
 
 
 def cayley_rate(g: Vector, omega: Vector) -> Vector:
-    """Return the rate of g where `cayley_attitude` turns with omega, world axes."""
+    """Return the rate of g for which `cayley_attitude(g, S)` turns with the angular velocity omega, world axes."""
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
 
 
-def spin_of_momentum(about: Resistance, momentum: Vector, psid: Scalar) -> Vector:
-    """Return omega1 from the angular momentum about a point (D8 solved)."""
-    J, turn, _ = about
-    (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(turn, psid)))
+def omega1_from_momentum(inertia: PairInertia, momentum: Vector, psid: Scalar) -> Vector:
+    """Return omega1 from the angular momentum about a point and the inertia about that point (D8 solved)."""
+    J, coupling, _ = inertia
+    (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(coupling, psid)))
     return x, y, z
 
 
-def momentum_about(about: Resistance, omega1: Vector, psid: Scalar) -> Vector:
-    """Return the angular momentum about a point at rest, or moving with the common centre (D8)."""
-    J, turn, _ = about
-    return add(rotate(J, omega1), scale(turn, psid))
+def pair_angular_momentum(inertia: PairInertia, omega1: Vector, psid: Scalar) -> Vector:
+    """Return the angular momentum of a pair about a point that rests, or moves with the common centre (D8)."""
+    J, coupling, _ = inertia
+    return add(rotate(J, omega1), scale(coupling, psid))
 
 
-def from_centre(at_centre: Vector, turn: Vector, centre: Vector, push: Vector, drift: Scalar) -> Vector:
-    """Return the acceleration of R1 from that of the common centre, while body 1 turns and the hinge moves it."""
-    return subtract(at_centre, add(cross(turn, centre), scale(push, drift)))
+def reference_point_rate(
+    centre_rate: Vector, body1_turn: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
+) -> Vector:
+    """Return v1 from that of the common centre, at `centre` from R1; or a1 without centripetal terms, from a.
+
+    psid_fraction is psi', or psi'', times the mass of body 2 over that of both.
+    """
+    return subtract(centre_rate, add(cross(body1_turn, centre), scale(partial_velocity2, psid_fraction)))

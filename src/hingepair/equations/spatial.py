@@ -24,6 +24,9 @@ Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
 HingeTrig: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
 Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 
+ZERO_VECTOR: Vector = (0.0, 0.0, 0.0)
+"""The vector of three zeros."""
+
 
 def add(a: Vector, b: Vector) -> Vector:
     """Return the sum a + b."""
@@ -73,9 +76,9 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def hinge_rotation(n: Vector, hinge: HingeTrig) -> Matrix:
-    """Return Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
-    s, k = hinge[0], hinge[1]
+def hinge_rotation(n: Vector, hinge_trig: HingeTrig) -> Matrix:
+    """Return Rodrigues' rotation Sh about the unit axis n (E6); hinge_trig = (sin psi, 1 - cos psi)."""
+    s, k = hinge_trig[0], hinge_trig[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
     kx, ky, kz = k * x, k * y, k * z
@@ -92,22 +95,23 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
-def cosine_of_psi(hinge: HingeTrig) -> Scalar:
-    """Return the cosine of psi; hinge = (sin psi, 1 - cos psi)."""
-    return 1 - hinge[1]
+def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
+    """Return the cosine of psi; hinge_trig = (sin psi, 1 - cos psi)."""
+    return 1 - hinge_trig[1]
 
 
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that psi does not move: u1 less the axial part of arm = C u2; body-1 axes."""
+    """Return the part of u1 - Sh C u2 that psi does not move, body-1 axes: u1 less the axial part of C u2."""
     return subtract(u1, subtract(arm, lever_cos))
 
 
-def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge: HingeTrig, cosine: Scalar) -> Vector:
-    """Return lever_cos cos(psi) + lever_sin sin(psi), the part of Sh C u2 that psi moves (E6); body-1 axes.
+def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
+    """Return the part of Sh C u2 that depends on psi, body-1 axes (E6): lever_cos cos(psi) + lever_sin sin(psi).
 
     lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
+    hinge_trig = (sin psi, 1 - cos psi).
     """
-    return add(scale(lever_cos, cosine), scale(lever_sin, hinge[0]))
+    return add(scale(lever_cos, cosine), scale(lever_sin, hinge_trig[0]))
 
 
 def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
@@ -115,9 +119,9 @@ def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
     return rotate(S1, subtract(lever_fixed, lever_moving))
 
 
-def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 by psi: that of `lever_moving`, in world axes."""
-    return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge[0])))
+def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
+    """Return S1 n x S2 u2, the derivative of S2 u2 by psi, world axes; the arguments are those of `lever_moving`."""
+    return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
 
 
 def position2(R1: Vector, d: Vector) -> Vector:
@@ -141,12 +145,12 @@ def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Sc
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Return the acceleration of a body's point from its reference point: alpha x r + omega x (omega x r)."""
+    """Return the acceleration alpha x r + omega x (omega x r) of a body's point relative to its reference point."""
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
 def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return the hinge's share of a2: centripetal psi'^2 - lever_by_psi psi''.
+    """Return the part of a2 that psi' and psi'' alone make: centripetal psi'^2 - lever_by_psi psi''.
 
     centripetal = S1 lever_moving = lever_by_psi x S1 n, which points away from the axis.
     psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
@@ -157,7 +161,10 @@ def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scala
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9)."""
+    """Return a2, where relative is that of `relative_acceleration` (E9).
+
+    a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative.
+    """
     half = scale(lever_by_psi, psid)
     turn = subtract(cross(omega1, d), add(half, half))
     return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
@@ -179,8 +186,8 @@ def unskew(W: Matrix) -> Vector:
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5
 
 
-def angular_velocity_of(S: Matrix, S_dot: Matrix) -> Matrix:
-    """Return [omega]x = S' S^T (E3)."""
+def angular_velocity_matrix(S: Matrix, S_dot: Matrix) -> Matrix:
+    """Return [omega]x = S' S^T (E3), a matrix, from a rotation and its time derivative."""
     return compose(S_dot, transpose(S))
 
 
@@ -195,15 +202,15 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
     )  # fmt: skip
 
 
-def orthonormality(S: Matrix) -> tuple[Scalar, ...]:
-    """Return the six different elements of S S^T - I, and the determinant of S."""
+def orthonormality_terms(S: Matrix) -> tuple[Scalar, ...]:
+    """Return the six different elements of S S^T - I, and then the determinant of S, in one tuple."""
     x, y, z = S[0:3], S[3:6], S[6:9]
     lengths = (dot(row, row) - 1.0 for row in (x, y, z))
     return *lengths, dot(x, y), dot(y, z), dot(z, x), dot(x, cross(y, z))
 
 
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
+    """Return the rotation matrix Sx Sy Sz (E10); trig = (sin, cos) of the first, second and third angle."""
     sx, cx, sy, cy, sz, cz = trig
     ss, cs = sx * sy, cx * sy
     return (
@@ -214,7 +221,10 @@ def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return Sx(first) Sy(second) Sx(third): E10 for sequences that repeat their first axis."""
+    """Return the rotation matrix Sx Sy Sx, for sequences that repeat their first axis; trig as in (E10).
+
+    trig = (sin, cos) of the first, second and third angle.
+    """
     sx, cx, sy, cy, sz, cz = trig
     sc, cc = sx * cy, cx * cy
     return (
@@ -225,54 +235,64 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return J = (e_x, b, c) of Sx Sy Sz (E4) as (b_y, b_z, c_x, c_y, c_z), where b = (0, b_y, b_z)."""
+    """Return the columns of J, (e_x, b, c), of Sx Sy Sz (E4), as (b_y, b_z, c_x, c_y, c_z), where b_x is 0."""
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return J of Sx Sy Sx (E4) as `tait_bryan_axes` does."""
+    """Return the columns of J, (e_x, b, c), of Sx Sy Sx (E4), as `tait_bryan_axes` does."""
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)
 
 
-def angular_velocity1(axes: tuple[Scalar, ...], phid: Vector) -> Vector:
-    """Return omega1 = J phi' (E4)."""
-    by, bz, cx, cy, cz = axes
+def angular_velocity1(axis_components: tuple[Scalar, ...], phid: Vector) -> Vector:
+    """Return omega1 = J phi' (E4); axis_components of J as `tait_bryan_axes` returns them."""
+    by, bz, cx, cy, cz = axis_components
     return phid[0] + cx * phid[2], by * phid[1] + cy * phid[2], bz * phid[1] + cz * phid[2]
 
 
-def euler_rate_along(axes: tuple[Scalar, ...], omega: Vector) -> Scalar:
-    """Return phi_z' times cos phi_y (times -sin phi_y in proper sequences): omega across e_x and b (E4)."""
-    return axes[0] * omega[2] - axes[1] * omega[1]
+def scaled_third_rate(axis_components: tuple[Scalar, ...], omega: Vector) -> Scalar:
+    """Return phi_z' times cos phi_y, or times -sin phi_y in proper sequences: omega across e_x and b (E4)."""
+    return axis_components[0] * omega[2] - axis_components[1] * omega[1]
 
 
-def euler_rates1(axes: tuple[Scalar, ...], omega: Vector, third: Scalar) -> Vector:
-    """Return the rates phi' = J^-1 omega (E4) where phi_z' is known: b gives phi_y', the rest gives phi_x'."""
-    return omega[0] - axes[2] * third, axes[0] * omega[1] + axes[1] * omega[2], third
+def euler_rates1(axis_components: tuple[Scalar, ...], omega: Vector, third_rate: Scalar) -> Vector:
+    """Return the Euler-angle rates phi' = J^-1 omega (E4), of which the third is known.
+
+    The axis b gives phi_y', the rest gives phi_x'.
+    """
+    return (
+        omega[0] - axis_components[2] * third_rate,
+        axis_components[0] * omega[1] + axis_components[1] * omega[2],
+        third_rate,
+    )
 
 
-def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
-    """Return alpha1 = J phi'' + J' phi' (E4 differentiated).
+def angular_acceleration1(axis_components: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
+    """Return alpha1 = J phi'' + J' phi' (E4 differentiated); axis_components as of `tait_bryan_axes`.
 
     The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b, so
     J' phi' = (phi_x' e_x) x b phi_y' + (phi_x' e_x + phi_y' b) x c phi_z'.
     """
-    by, bz, cx, cy, cz = axes
+    by, bz, cx, cy, cz = axis_components
     y, z = by * phid[1], bz * phid[1]
     turn = cross((phid[0], y, z), (cx * phid[2], cy * phid[2], cz * phid[2]))
-    rates = angular_velocity1(axes, phidd)
+    rates = angular_velocity1(axis_components, phidd)
     return rates[0] + turn[0], rates[1] + (turn[1] - phid[0] * z), rates[2] + (turn[2] + phid[0] * y)
 
 
-def euler_axes(axes: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of J as vectors (E4): the axes that the three angles turn about."""
-    by, bz, cx, cy, cz = axes
+def euler_axes(axis_components: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vector]:
+    """Return the columns of J as three vectors (E4), the axes of the three angles, from `tait_bryan_axes`."""
+    by, bz, cx, cy, cz = axis_components
     return (1.0, 0.0, 0.0), (0.0, by, bz), (cx, cy, cz)
 
 
-def euler_axes_rates(axes: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of J' (E4 differentiated): b turns with phi_x' e_x, c with phi_x' e_x + phi_y' b."""
-    by, bz, cx, cy, cz = axes
+def euler_axes_rates(axis_components: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
+    """Return the columns of J', the time derivatives of `euler_axes`, as three vectors (E4 differentiated).
+
+    The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b.
+    """
+    by, bz, cx, cy, cz = axis_components
     turn_c = cross((phid[0], by * phid[1], bz * phid[1]), (cx, cy, cz))
     return (0.0, 0.0, 0.0), (0.0, -(bz * phid[0]), by * phid[0]), turn_c

@@ -34,6 +34,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 from hingepair.equations.spatial import (
+    ZERO_VECTOR,
     Matrix,
     Scalar,
     Vector,
@@ -52,12 +53,9 @@ from hingepair.equations.spatial import (
 Symmetric: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
-ZERO: Vector = (0.0, 0.0, 0.0)  # a vector that is none
-IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)  # no rotation
-
 
 class Link(NamedTuple):
-    """A joint and the body that it moves; numbered by its place among the links, from 1 on.
+    """A joint and the body that it moves; joints are numbered from 1 on in the order of the links.
 
     Attributes:
         parent: number of the body that carries it.
@@ -81,7 +79,7 @@ class Link(NamedTuple):
 
 
 class Base(NamedTuple):
-    """Matter of the base: m, h, N."""
+    """The base of a tree: its mass m, first moment h and second moment N about its reference point, own axes."""
 
     mass: Scalar
     first: Vector
@@ -89,7 +87,10 @@ class Base(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Rotation S and position r of a joint's body in its parent's axes; turn (sin q, cos q) is None of a slider."""
+    """Pose of a joint's body in its parent: rotation S Sz(q) and position r; turn is (sin q, cos q) of a hinge.
+
+    turn is None of a slider.
+    """
 
     S: Matrix
     turn: Turn | None
@@ -100,19 +101,19 @@ class Placement(NamedTuple):
 
 
 def turned(turn: Turn, v: Vector) -> Vector:
-    """Return Sz(q) v."""
+    """Return Sz(q) v, a vector turned about z; turn = (sin q, cos q)."""
     s, c = turn
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
 def turned_back(turn: Turn, v: Vector) -> Vector:
-    """Return Sz(q)^T v."""
+    """Return Sz(q)^T v, a vector turned back about z; turn = (sin q, cos q)."""
     s, c = turn
     return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
 
 
 def turned_columns(A: Matrix, turn: Turn) -> Matrix:
-    """Return A Sz(q)."""
+    """Return the matrix product A Sz(q); turn = (sin q, cos q)."""
     s, c = turn
     return (
         c * A[0] + s * A[1], c * A[1] - s * A[0], A[2],
@@ -132,8 +133,10 @@ def to_child(place: Placement, v: Vector) -> Vector:
     return back if place.turn is None else turned_back(place.turn, back)
 
 
-def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]) -> list[Placement]:
-    """Return Q and r of every joint, from (sin q, cos q) of each hinge and the shift q of each slider."""
+def joint_placements(
+    links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
+) -> list[Placement]:
+    """Return the pose of every joint's body in its parent, from (sin q, cos q) of hinges and q of sliders."""
     return [
         Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
         for link, turn, shift in zip(links, turns, shifts, strict=True)
@@ -156,10 +159,10 @@ def axis_of(pose: Pose) -> Vector:
     return pose.S[2], pose.S[5], pose.S[8]
 
 
-def poses(links: Sequence[Link], joints: Sequence[Placement], S1: Matrix) -> list[Pose]:
-    """Return the pose of every body, the base first (E5, E7 with u2 = 0)."""
-    bodies = [Pose(S1, ZERO, ZERO)]
-    for link, joint in zip(links, joints, strict=True):
+def poses(links: Sequence[Link], placements: Sequence[Placement], S1: Matrix) -> list[Pose]:
+    """Return the pose of every body, the base first, from the placements of the joints (E5, E7 with u2 = 0)."""
+    bodies = [Pose(S1, ZERO_VECTOR, ZERO_VECTOR)]
+    for link, joint in zip(links, placements, strict=True):
         p = bodies[link.parent]
         arm = rotate(p.S, joint.r)
         S = compose(p.S, joint.S)
@@ -171,29 +174,31 @@ Rates: TypeAlias = tuple[Vector, Vector]
 """Velocity, or acceleration, of the reference point, and the angular one."""
 
 
-def body_velocities(links: Sequence[Link], bodies: Sequence[Pose], qd: Sequence[Scalar], base: Rates) -> list[Rates]:
-    """Return (v, omega) of every body, the base first (E2, E8)."""
-    rates = [base]
-    for link, body, rate in zip(links, bodies[1:], qd, strict=True):
-        v, omega = rates[link.parent]
+def body_velocities(
+    links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_rates: Rates
+) -> list[Rates]:
+    """Return (v, omega) of every body, world axes, the base first; base_rates are those of the base (E2, E8)."""
+    velocities = [base_rates]
+    for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
+        v, omega = velocities[link.parent]
         v = add(v, cross(omega, body.arm))
         along = scale(axis_of(body), rate)
-        rates.append((add(v, along), omega) if link.slides else (v, add(omega, along)))
-    return rates
+        velocities.append((add(v, along), omega) if link.slides else (v, add(omega, along)))
+    return velocities
 
 
 def body_accelerations(
     links: Sequence[Link],
-    bodies: Sequence[Pose],
+    body_poses: Sequence[Pose],
     qd: Sequence[Scalar],
     qdd: Sequence[Scalar],
-    rates: Sequence[Rates],
-    base: Rates,
+    velocities: Sequence[Rates],
+    base_changes: Rates,
 ) -> list[Rates]:
-    """Return (a, alpha) of every body, the base first, classical (E9)."""
-    changes = [base]
-    for link, body, rate, rate_change in zip(links, bodies[1:], qd, qdd, strict=True):
-        (a, alpha), omega = changes[link.parent], rates[link.parent][1]
+    """Return (a, alpha) of every body, classical, world axes, the base first; base_changes are its own (E9)."""
+    changes = [base_changes]
+    for link, body, rate, rate_change in zip(links, body_poses[1:], qd, qdd, strict=True):
+        (a, alpha), omega = changes[link.parent], velocities[link.parent][1]
         a = add(a, point_acceleration(omega, alpha, body.arm))
         axis = axis_of(body)
         if link.slides:
@@ -223,8 +228,8 @@ def frame_acceleration(frame: Pose, omega: Vector, body: Rates) -> Rates:
     return add(a, point_acceleration(omega, alpha, frame.arm)), alpha
 
 
-def path(links: Sequence[Link], body: int) -> set[int]:
-    """Return the numbers of the joints between a body and the base."""
+def joints_to_base(links: Sequence[Link], body: int) -> set[int]:
+    """Return the set of the numbers of the joints between a body, given by number, and the base."""
     numbers = set()
     while body:
         numbers.add(body)
@@ -232,27 +237,29 @@ def path(links: Sequence[Link], body: int) -> set[int]:
     return numbers
 
 
-def point_columns(links: Sequence[Link], bodies: Sequence[Pose], body: int, d: Vector) -> list[tuple[Vector, Vector]]:
-    """Return (v, omega) of a body's point for q' = 1 of each joint (E2, E8); d leads to it from the base's R1."""
-    on_path = path(links, body)
+def point_jacobian_columns(
+    links: Sequence[Link], body_poses: Sequence[Pose], body: int, d: Vector
+) -> list[tuple[Vector, Vector]]:
+    """Return (v, omega) of a point of a body for q' = 1 of each joint; d leads to it from the base's R1 (E2, E8)."""
+    on_path = joints_to_base(links, body)
     columns = []
     for number, link in enumerate(links, 1):
-        axis = axis_of(bodies[number])
+        axis = axis_of(body_poses[number])
         if number not in on_path:
-            columns.append((ZERO, ZERO))
+            columns.append((ZERO_VECTOR, ZERO_VECTOR))
         elif link.slides:
-            columns.append((axis, ZERO))
+            columns.append((axis, ZERO_VECTOR))
         else:
-            columns.append((cross(axis, subtract(d, bodies[number].d)), axis))
+            columns.append((cross(axis, subtract(d, body_poses[number].d)), axis))
     return columns
 
 
-def base_columns(d: Vector) -> list[tuple[Vector, Vector]]:
-    """Return (v, omega) of a point for unit components of v1 and omega1 of the base (E8)."""
+def base_jacobian_columns(d: Vector) -> list[tuple[Vector, Vector]]:
+    """Return the six (v, omega) of a point at d from R1 for v1 and omega1 of the base along each axis (E8)."""
     x, y, z = d
     units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     turning = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
-    return [(unit, ZERO) for unit in units] + list(zip(turning, units, strict=True))
+    return [(unit, ZERO_VECTOR) for unit in units] + list(zip(turning, units, strict=True))
 
 
 # ---- symmetric matrices
@@ -263,28 +270,28 @@ def symmetric_sum(A: Symmetric, B: Symmetric) -> Symmetric:
     return A[0] + B[0], A[1] + B[1], A[2] + B[2], A[3] + B[3], A[4] + B[4], A[5] + B[5]
 
 
-def full(A: Symmetric) -> Matrix:
-    """Return all nine entries."""
+def full_matrix(A: Symmetric) -> Matrix:
+    """Return all nine entries of a symmetric matrix."""
     xx, xy, xz, yy, yz, zz = A
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
-def inertia_of(second: Symmetric) -> Symmetric:
-    """Return J = tr(N) - N."""
+def inertia_from_moment(second: Symmetric) -> Symmetric:
+    """Return the inertia J = tr(N) - N of the second moment N."""
     xx, xy, xz, yy, yz, zz = second
     return yy + zz, -xy, -xz, xx + zz, -yz, xx + yy
 
 
 def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
-    """Return S A S^T."""
-    T = compose(S, full(A))
-    rows, own = (T[0:3], T[3:6], T[6:9]), (S[0:3], S[3:6], S[6:9])
-    xx, xy, xz, yy, yz, zz = (dot(rows[i], own[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    """Return S A S^T, a symmetric matrix A in other axes, as its six entries."""
+    T = compose(S, full_matrix(A))
+    rows, S_rows = (T[0:3], T[3:6], T[6:9]), (S[0:3], S[3:6], S[6:9])
+    xx, xy, xz, yy, yz, zz = (dot(rows[i], S_rows[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
     return xx, xy, xz, yy, yz, zz
 
 
 def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
-    """Return Sz(q) A Sz(q)^T."""
+    """Return Sz(q) A Sz(q)^T of a symmetric matrix A, as its six entries; turn = (sin q, cos q)."""
     s, c = turn
     xx, xy, xz, yy, yz, zz = A
     cc, cs, ss = c * c, c * s, s * s
@@ -301,7 +308,7 @@ def symmetric_to_parent(place: Placement, A: Symmetric) -> Symmetric:
 
 
 def outer_sum(a: Vector, b: Vector) -> Symmetric:
-    """Return the sum a b^T + b a^T."""
+    """Return a b^T + b a^T, the six entries of a symmetric matrix."""
     xx, yy, zz = a[0] * b[0], a[1] * b[1], a[2] * b[2]
     return (
         xx + xx, a[0] * b[1] + a[1] * b[0], a[0] * b[2] + a[2] * b[0],
@@ -313,15 +320,15 @@ def outer_sum(a: Vector, b: Vector) -> Symmetric:
 
 
 class Acceleration(NamedTuple):
-    """Motion that determines a body's inertial wrench, own axes: omega, a - g of the reference point, and B of T1."""
+    """The motion that a body's inertial wrench depends on, own axes: omega, a - g of its reference point, B of T1."""
 
     omega: Vector
     a: Vector
     B: Matrix
 
 
-def velocity_gradient(omega: Vector, alpha: Vector) -> Matrix:
-    """Return B = [alpha]x + [omega]x^2, the derivative of a point's acceleration by its place (T1)."""
+def acceleration_gradient(omega: Vector, alpha: Vector) -> Matrix:
+    """Return the matrix B = [alpha]x + [omega]x^2: a point at r has the relative acceleration B r (T1)."""
     x, y, z = omega
     u, v, w = alpha
     xx, yy, zz = x * x, y * y, z * z
@@ -332,64 +339,72 @@ def velocity_gradient(omega: Vector, alpha: Vector) -> Matrix:
     )  # fmt: skip
 
 
-def accelerations(
+def accelerations_in_own_axes(
     links: Sequence[Link],
-    joints: Sequence[Placement],
+    placements: Sequence[Placement],
     qd: Sequence[Scalar],
     qdd: Sequence[Scalar],
     omega: Vector,
     alpha: Vector,
     a: Vector,
 ) -> list[Acceleration]:
-    """Return (omega, alpha, a - g) of every body in its own axes, the base, whose motion is given, first (T1)."""
-    turning = [(omega, alpha)]
-    bodies = [Acceleration(omega, a, velocity_gradient(omega, alpha))]
-    for link, joint, rate, rate_change in zip(links, joints, qd, qdd, strict=True):
-        p, (omega_p, alpha_p) = bodies[link.parent], turning[link.parent]
-        own = to_child(joint, add(p.a, rotate(p.B, joint.r)))
+    """Return the motion of every body in its own axes, the base first, from that of the base (T1).
+
+    omega, alpha and a are those of the base in its own axes; a is its acceleration less gravity.
+    """
+    angular = [(omega, alpha)]
+    motions = [Acceleration(omega, a, acceleration_gradient(omega, alpha))]
+    for link, joint, rate, rate_change in zip(links, placements, qd, qdd, strict=True):
+        p, (omega_p, alpha_p) = motions[link.parent], angular[link.parent]
+        a_body = to_child(joint, add(p.a, rotate(p.B, joint.r)))
         x, y, z = to_child(joint, omega_p)
         u, v, w = to_child(joint, alpha_p)
         if joint.turn is None:
             half = (y * rate, -(x * rate), rate_change)
-            own = add(own, (half[0] + half[0], half[1] + half[1], rate_change))
+            a_body = add(a_body, (half[0] + half[0], half[1] + half[1], rate_change))
         else:
             z = z + rate
             u, v, w = u + y * rate, v - x * rate, w + rate_change
-        turning.append(((x, y, z), (u, v, w)))
-        bodies.append(Acceleration((x, y, z), own, velocity_gradient((x, y, z), (u, v, w))))
-    return bodies
+        angular.append(((x, y, z), (u, v, w)))
+        motions.append(Acceleration((x, y, z), a_body, acceleration_gradient((x, y, z), (u, v, w))))
+    return motions
 
 
 Wrench: TypeAlias = tuple[Vector, Vector]
 """Force, and torque about the reference point, in a body's own axes."""
 
 
-def matter_wrench(mass: Scalar, first: Vector, second: Symmetric, feels: Acceleration) -> Wrench:
-    """Return the wrench that moves a body's matter as it moves (T2)."""
-    B, a = feels.B, feels.a
-    xx, xy, xz, yy, yz, zz = second
-    force = add(scale(a, mass), rotate(B, first))
+def inertial_wrench(mass: Scalar, first_moment: Vector, second_moment: Symmetric, motion: Acceleration) -> Wrench:
+    """Return (force, torque) about its reference point that give a body its motion, own axes (T2)."""
+    B, a = motion.B, motion.a
+    xx, xy, xz, yy, yz, zz = second_moment
+    force = add(scale(a, mass), rotate(B, first_moment))
     torque = (
         (B[8] - B[4]) * yz + B[7] * yy - B[5] * zz + B[6] * xy - B[3] * xz,
         (B[0] - B[8]) * xz + B[2] * zz - B[6] * xx + B[1] * yz - B[7] * xy,
         (B[4] - B[0]) * xy + B[3] * xx - B[1] * yy + B[5] * xz - B[2] * yz,
     )
-    return force, add(torque, cross(first, a))
+    return force, add(torque, cross(first_moment, a))
 
 
-def inward(links: Sequence[Link], joints: Sequence[Placement], own: Iterable[Wrench]) -> list[Wrench]:
-    """Return the wrench that each joint transmits, the base's first, from the wrenches on each body (T3)."""
-    sums = list(own)
+def sum_inward(
+    links: Sequence[Link], placements: Sequence[Placement], body_wrenches: Iterable[Wrench]
+) -> list[Wrench]:
+    """Return the wrench that each joint transmits, the base's total first, from the wrench on each body (T3)."""
+    sums = list(body_wrenches)
     for number in range(len(links), 0, -1):
-        link, joint, (force, torque) = links[number - 1], joints[number - 1], sums[number]
-        handed = to_parent(joint, force)
+        link, joint, (force, torque) = links[number - 1], placements[number - 1], sums[number]
+        force_to_parent = to_parent(joint, force)
         f, t = sums[link.parent]
-        sums[link.parent] = add(f, handed), add(t, add(to_parent(joint, torque), cross(joint.r, handed)))
+        sums[link.parent] = (
+            add(f, force_to_parent),
+            add(t, add(to_parent(joint, torque), cross(joint.r, force_to_parent))),
+        )
     return sums
 
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """Return the component of each joint's wrench along its axis (T3)."""
+    """Return the component of each joint's wrench along its axis: a torque of hinges, a force of sliders (T3)."""
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
 
@@ -399,15 +414,16 @@ def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequ
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
 
 
-def inertial_wrenches(base: Base, links: Sequence[Link], feels: Sequence[Acceleration]) -> list[Wrench]:
-    """Return the inertial wrench of each body, without its children, the base first (T2)."""
+def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Acceleration]) -> list[Wrench]:
+    """Return the wrench that gives each body alone its motion, own axes, the base first (T2)."""
     return [
-        matter_wrench(body.mass, body.first, body.second, own)
-        for body, own in zip(_bodies(base, links), feels, strict=True)
+        inertial_wrench(body.mass, body.first, body.second, motion)
+        for body, motion in zip(_bodies(base, links), motions, strict=True)
     ]
 
 
 def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
+    """Return the base and the links, the bodies of the tree by number."""
     return [base, *links]
 
 
@@ -415,52 +431,52 @@ def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
 
 
 class Matter(NamedTuple):
-    """Mass, first and second moment of some matter, in a body's axes about its reference point."""
+    """Mass, first moment and second moment of some matter, in a body's axes about its reference point."""
 
     mass: Scalar
     first: Vector
     second: Symmetric
 
 
-def composites(base: Base, links: Sequence[Link], joints: Sequence[Placement]) -> list[Matter]:
-    """Return the matter of each body together with all bodies beyond it, the base first (T4)."""
+def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement]) -> list[Matter]:
+    """Return the matter of each body with all bodies beyond it, in that body's axes, the base first (T4)."""
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
-        link, joint, own = links[number - 1], joints[number - 1], matter[number]
-        first = to_parent(joint, own.first)
-        carried = scale(joint.r, own.mass)
+        link, joint, subtree = links[number - 1], placements[number - 1], matter[number]
+        first = to_parent(joint, subtree.first)
+        carried = scale(joint.r, subtree.mass)
         second = symmetric_sum(
-            symmetric_to_parent(joint, own.second), outer_sum(joint.r, add(first, scale(carried, 0.5)))
+            symmetric_to_parent(joint, subtree.second), outer_sum(joint.r, add(first, scale(carried, 0.5)))
         )
         p = matter[link.parent]
         matter[link.parent] = Matter(
-            p.mass + own.mass, add(p.first, add(first, carried)), symmetric_sum(p.second, second)
+            p.mass + subtree.mass, add(p.first, add(first, carried)), symmetric_sum(p.second, second)
         )
     return matter
 
 
-def axis_wrench(slides: bool, matter: Matter) -> Wrench:
-    """Return the wrench that moves matter by q'' = 1 of its joint alone (T4)."""
+def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
+    """Return the wrench that moves matter by q'' = 1 of its joint alone, a slider or a hinge (T4)."""
     x, y, _ = matter.first
-    if slides:
+    if is_slider:
         return (0.0, 0.0, matter.mass), (y, -x, 0.0)
     xx, _, xz, yy, yz, _ = matter.second
     return (-y, x, 0.0), (-xz, -yz, xx + yy)
 
 
 def mass_matrix(
-    links: Sequence[Link], joints: Sequence[Placement], matter: Sequence[Matter]
+    links: Sequence[Link], placements: Sequence[Placement], composite_matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
-    """Return the rows of M up to the diagonal, and by joint the wrench on the base, base axes (T4)."""
+    """Return M by rows up to the diagonal, and the wrench on the base for q'' = 1 of each joint, base axes (T4)."""
     rows: list[list[Scalar]] = []
     on_base = []
     for number, link in enumerate(links, 1):
-        force, torque = axis_wrench(link.slides, matter[number])
+        force, torque = axis_wrench(link.slides, composite_matter[number])
         row: list[Scalar] = [0.0] * number
         at = number
         while at:
             row[at - 1] = force[2] if links[at - 1].slides else torque[2]
-            joint = joints[at - 1]
+            joint = placements[at - 1]
             force = to_parent(joint, force)
             torque = add(to_parent(joint, torque), cross(joint.r, force))
             at = links[at - 1].parent
@@ -470,10 +486,13 @@ def mass_matrix(
     return rows, on_base
 
 
-def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
-    """Return the six rows of M of a free base, up to the diagonal, in (v1, omega1), world axes (T4)."""
+def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
+    """Return the six rows of M of a free base up to the diagonal, in (v1, omega1), world axes (T4).
+
+    matter is that of the whole tree.
+    """
     x, y, z = rotate(S, matter.first)
-    J = conjugate(S, inertia_of(matter.second))
+    J = conjugate(S, inertia_from_moment(matter.second))
     m = matter.mass
     return [
         [m],
@@ -489,15 +508,15 @@ def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
 
 
 class SpatialInertia(NamedTuple):
-    """Spatial inertia of a body, [t f] = [J H; H^T M] [alpha a] (T5); H row by row."""
+    """Spatial inertia of a body: [torque force] = [J H; H^T M] [alpha a] (T5); H row by row."""
 
     J: Symmetric
     H: Matrix
     M: Symmetric
 
 
-class Elimination(NamedTuple):
-    """Results of T5 for one joint, which T6 reads: U as (torque, force), 1 / D, and the pivot D."""
+class JointElimination(NamedTuple):
+    """The elimination of one joint (T5): its column U as torque and force, share = 1 / D, and the pivot D."""
 
     torque: Vector
     force: Vector
@@ -505,14 +524,16 @@ class Elimination(NamedTuple):
     pivot: Scalar
 
 
-def resistance_of(mass: Scalar, first: Vector, second: Symmetric) -> SpatialInertia:
-    """Return the articulated inertia of one body alone (T5)."""
-    x, y, z = first
-    return SpatialInertia(inertia_of(second), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass))
+def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmetric) -> SpatialInertia:
+    """Return the spatial inertia of one rigid body about its reference point, own axes (T5)."""
+    x, y, z = first_moment
+    return SpatialInertia(
+        inertia_from_moment(second_moment), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass)
+    )
 
 
-def turned_pair(turn: Turn, A: Matrix) -> Matrix:
-    """Return Sz(q) A Sz(q)^T of a matrix that need not be symmetric."""
+def turned_matrix(turn: Turn, A: Matrix) -> Matrix:
+    """Return Sz(q) A Sz(q)^T of any 3 x 3 matrix A; turn = (sin q, cos q)."""
     s, c = turn
     cc, cs, ss = c * c, c * s, s * s
     both, apart = cs * (A[1] + A[3]), cs * (A[0] - A[4])
@@ -523,17 +544,21 @@ def turned_pair(turn: Turn, A: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def resistance_to_parent(place: Placement, own: SpatialInertia) -> SpatialInertia:
-    """Return an articulated inertia about the parent's reference point, in its axes (T5)."""
-    J, H, M = own
-    if place.turn is not None:
-        J, H, M = turned_symmetric(place.turn, J), turned_pair(place.turn, H), turned_symmetric(place.turn, M)
-    S = place.S
+def spatial_inertia_to_parent(placement: Placement, inertia: SpatialInertia) -> SpatialInertia:
+    """Return a body's spatial inertia about the parent's reference point, in the parent's axes (T5)."""
+    J, H, M = inertia
+    if placement.turn is not None:
+        J, H, M = (
+            turned_symmetric(placement.turn, J),
+            turned_matrix(placement.turn, H),
+            turned_symmetric(placement.turn, M),
+        )
+    S = placement.S
     J, M = conjugate(S, J), conjugate(S, M)
     H = compose(compose(S, H), transpose(S))
-    x, y, z = place.r
+    x, y, z = placement.r
     lever = (0.0, -z, y, z, 0.0, -x, -y, x, 0.0)
-    moved = compose(lever, full(M))
+    moved = compose(lever, full_matrix(M))
     crossed = compose(lever, transpose(H))
     both = _sum(H, moved)
     # r x H^T + (H + r x M) r^T, of which the entries on and above the diagonal are computed
@@ -548,15 +573,18 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
     return a, b, c, d, e, f, g, h, i
 
 
-def eliminated(
-    slides: bool, armature: Scalar, own: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
-) -> tuple[Elimination, SpatialInertia]:
-    """Return U and D of a body's joint, and the articulated inertia that the free joint leaves (T5, T10)."""
-    J, H, M = own
-    if slides:
+def eliminate_joint(
+    is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[JointElimination, SpatialInertia]:
+    """Return the elimination of a joint and what is left of its body's spatial inertia for the parent (T5, T10).
+
+    `reciprocal` makes 1 / D of the pivot D.
+    """
+    J, H, M = inertia
+    if is_slider:
         torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5] + armature
         share = reciprocal(pivot)
-        held = _rotor_share(armature, share)
+        rotor_share = _rotor_share(armature, share)
         (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
         left = SpatialInertia(
             (
@@ -564,36 +592,36 @@ def eliminated(
                 J[3] - torque[1] * b, J[4] - torque[1] * c, J[5] - torque[2] * c,
             ),
             (
-                H[0] - torque[0] * x, H[1] - torque[0] * y, torque[0] * held,
-                H[3] - torque[1] * x, H[4] - torque[1] * y, torque[1] * held,
-                H[6] - torque[2] * x, H[7] - torque[2] * y, torque[2] * held,
+                H[0] - torque[0] * x, H[1] - torque[0] * y, torque[0] * rotor_share,
+                H[3] - torque[1] * x, H[4] - torque[1] * y, torque[1] * rotor_share,
+                H[6] - torque[2] * x, H[7] - torque[2] * y, torque[2] * rotor_share,
             ),
             (
-                M[0] - force[0] * x, M[1] - force[0] * y, force[0] * held,
-                M[3] - force[1] * y, force[1] * held, force[2] * held,
+                M[0] - force[0] * x, M[1] - force[0] * y, force[0] * rotor_share,
+                M[3] - force[1] * y, force[1] * rotor_share, force[2] * rotor_share,
             ),
         )  # fmt: skip
-        return Elimination(torque, force, share, pivot), left
+        return JointElimination(torque, force, share, pivot), left
     torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5] + armature
     share = reciprocal(pivot)
-    held = _rotor_share(armature, share)
+    rotor_share = _rotor_share(armature, share)
     (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
     left = SpatialInertia(
         (
-            J[0] - torque[0] * a, J[1] - torque[0] * b, torque[0] * held,
-            J[3] - torque[1] * b, torque[1] * held, torque[2] * held,
+            J[0] - torque[0] * a, J[1] - torque[0] * b, torque[0] * rotor_share,
+            J[3] - torque[1] * b, torque[1] * rotor_share, torque[2] * rotor_share,
         ),
         (
             H[0] - torque[0] * x, H[1] - torque[0] * y, H[2] - torque[0] * z,
             H[3] - torque[1] * x, H[4] - torque[1] * y, H[5] - torque[1] * z,
-            force[0] * held, force[1] * held, force[2] * held,
+            force[0] * rotor_share, force[1] * rotor_share, force[2] * rotor_share,
         ),
         (
             M[0] - force[0] * x, M[1] - force[0] * y, M[2] - force[0] * z,
             M[3] - force[1] * y, M[4] - force[1] * z, M[5] - force[2] * z,
         ),
     )  # fmt: skip
-    return Elimination(torque, force, share, pivot), left
+    return JointElimination(torque, force, share, pivot), left
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
@@ -601,55 +629,69 @@ def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
 
-def articulated(
-    base: Base, links: Sequence[Link], joints: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
-) -> tuple[list[Elimination], SpatialInertia]:
-    """Return U and D of every joint, and the articulated inertia of the base (T5)."""
-    sums = [resistance_of(body.mass, body.first, body.second) for body in _bodies(base, links)]
-    steps: list[Elimination] = []
+def eliminate_joints(
+    base: Base, links: Sequence[Link], placements: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[list[JointElimination], SpatialInertia]:
+    """Return the elimination of every joint, and the articulated inertia of the base, base axes (T5).
+
+    `reciprocal` makes 1 / D of each pivot D.
+    """
+    sums = [rigid_body_inertia(body.mass, body.first, body.second) for body in _bodies(base, links)]
+    eliminations: list[JointElimination] = []
     for number in range(len(links), 0, -1):
-        link, joint = links[number - 1], joints[number - 1]
-        step, left = eliminated(link.slides, link.armature, sums[number], reciprocal)
-        steps.append(step)
-        J, H, M = resistance_to_parent(joint, left)
+        link, joint = links[number - 1], placements[number - 1]
+        elimination, inertia_left = eliminate_joint(link.slides, link.armature, sums[number], reciprocal)
+        eliminations.append(elimination)
+        J, H, M = spatial_inertia_to_parent(joint, inertia_left)
         p = sums[link.parent]
         sums[link.parent] = SpatialInertia(symmetric_sum(p.J, J), _sum(p.H, H), symmetric_sum(p.M, M))
-    return steps[::-1], sums[0]
+    return eliminations[::-1], sums[0]
 
 
-def given_way(
-    links: Sequence[Link], joints: Sequence[Placement], steps: Sequence[Elimination], loads: Sequence[Scalar]
+def accelerations_by_loads(
+    links: Sequence[Link],
+    placements: Sequence[Placement],
+    eliminations: Sequence[JointElimination],
+    loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
     """Return q'' of each joint by its load where its parent rests, and the wrench on the base, base axes (T6)."""
-    own: list[Wrench] = [(ZERO, ZERO)] * (len(links) + 1)
-    left: list[Scalar] = [0.0] * len(links)
+    wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
+    qdd: list[Scalar] = [0.0] * len(links)
     for number in range(len(links), 0, -1):
-        link, joint, step, (force, torque) = links[number - 1], joints[number - 1], steps[number - 1], own[number]
+        link, joint, elimination, (force, torque) = (
+            links[number - 1],
+            placements[number - 1],
+            eliminations[number - 1],
+            wrenches[number],
+        )
         rest = loads[number - 1] - (force[2] if link.slides else torque[2])
-        left[number - 1] = rest * step.share
-        force = add(force, scale(step.force, left[number - 1]))
-        torque = add(torque, scale(step.torque, left[number - 1]))
-        handed = to_parent(joint, force)
-        f, t = own[link.parent]
-        own[link.parent] = add(f, handed), add(t, add(to_parent(joint, torque), cross(joint.r, handed)))
-    return left, own[0]
+        qdd[number - 1] = rest * elimination.share
+        force = add(force, scale(elimination.force, qdd[number - 1]))
+        torque = add(torque, scale(elimination.torque, qdd[number - 1]))
+        force_to_parent = to_parent(joint, force)
+        f, t = wrenches[link.parent]
+        wrenches[link.parent] = (
+            add(f, force_to_parent),
+            add(t, add(to_parent(joint, torque), cross(joint.r, force_to_parent))),
+        )
+    return qdd, wrenches[0]
 
 
 def joint_accelerations(
     links: Sequence[Link],
-    joints: Sequence[Placement],
-    steps: Sequence[Elimination],
-    left: Sequence[Scalar],
+    placements: Sequence[Placement],
+    eliminations: Sequence[JointElimination],
+    qdd_by_loads: Sequence[Scalar],
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """Return q'' of every joint, from the base's own accelerations, base axes (T6, outward)."""
+    """Return q'' of every joint, from `accelerations_by_loads` and the base's alpha and a, base axes (T6)."""
     bodies, qdd = [(alpha, a)], []
-    for link, joint, step, rest in zip(links, joints, steps, left, strict=True):
+    for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):
         alpha_p, a_p = bodies[link.parent]
         turning = to_child(joint, alpha_p)
         moving = to_child(joint, add(a_p, cross(alpha_p, joint.r)))
-        change = rest - (dot(step.torque, turning) + dot(step.force, moving)) * step.share
+        change = rest - (dot(elimination.torque, turning) + dot(elimination.force, moving)) * elimination.share
         qdd.append(change)
         if link.slides:
             moving = (moving[0], moving[1], moving[2] + change)
@@ -662,12 +704,12 @@ def joint_accelerations(
 # ---- energy and momentum
 
 
-def velocities(
-    links: Sequence[Link], joints: Sequence[Placement], qd: Sequence[Scalar], v: Vector, omega: Vector
+def velocities_in_own_axes(
+    links: Sequence[Link], placements: Sequence[Placement], qd: Sequence[Scalar], v: Vector, omega: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """Return (v, omega) of every body in its own axes, the base first."""
+    """Return (v, omega) of every body in its own axes, the base first; v and omega are those of the base."""
     bodies = [(v, omega)]
-    for link, joint, rate in zip(links, joints, qd, strict=True):
+    for link, joint, rate in zip(links, placements, qd, strict=True):
         v_p, omega_p = bodies[link.parent]
         x, y, z = to_child(joint, omega_p)
         a, b, c = to_child(joint, add(v_p, cross(omega_p, joint.r)))
@@ -675,21 +717,24 @@ def velocities(
     return bodies
 
 
-def momenta(base: Base, links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
-    """Return (P, L) of each body about its reference point, own axes (T8)."""
-    found = []
-    for body, (v, omega) in zip(_bodies(base, links), bodies, strict=True):
+def body_momenta(base: Base, links: Sequence[Link], own_velocities: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
+    """Return (P, L) of each body about its reference point, from its (v, omega); all in its own axes (T8)."""
+    result = []
+    for body, (v, omega) in zip(_bodies(base, links), own_velocities, strict=True):
         linear = add(scale(v, body.mass), cross(omega, body.first))
-        angular = add(cross(body.first, v), rotate(full(inertia_of(body.second)), omega))
-        found.append((linear, angular))
-    return found
+        angular = add(cross(body.first, v), rotate(full_matrix(inertia_from_moment(body.second)), omega))
+        result.append((linear, angular))
+    return result
 
 
 def kinetic_energy(
-    links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]], own: Sequence[Wrench], qd: Sequence[Scalar]
+    links: Sequence[Link],
+    own_velocities: Sequence[tuple[Vector, Vector]],
+    momenta: Sequence[Wrench],
+    qd: Sequence[Scalar],
 ) -> Scalar:
-    """Return the kinetic energy, half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
-    doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(bodies, own, strict=True)]
+    """Return the kinetic energy: half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
+    doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(own_velocities, momenta, strict=True)]
     doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]
     total = doubles[0]
     for double in doubles[1:]:

@@ -119,7 +119,7 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, body: bool) -> 
     trig = (sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z))
     w = eq.rotate(eq.tait_bryan_attitude(trig), omega) if body else omega
     axes = eq.tait_bryan_axes(trig)
-    rate_along_x, cos_y = eq.euler_rate_along(axes, w), trig[3]
+    rate_along_x, cos_y = eq.scaled_third_rate(axes, w), trig[3]
     rates, nan_rates = eq.euler_rates1(axes, w, rate_along_x / cos_y), (math.nan,) * 3
     squared_change, squared_cos = (rate_along_x * h) * (rate_along_x * h), cos_y * cos_y
     return where_less(

@@ -28,14 +28,14 @@ _LEVERS = (
     Step("J1", dyn.world_inertia, ("S1", "I1")),
     Step("J2", dyn.world_inertia, ("S2", "I2")),
     Step("J", dyn.matrix_sum, ("J1", "J2")),
-    Step("point_inertia1", dyn.spread, ("m1", "centre1")),
+    Step("point_inertia1", dyn.point_mass_inertia, ("m1", "centre1")),
     Step("J_R1", dyn.matrix_sum, ("J", "point_inertia1")),
-    Step("inertia_about_R1", dyn.resistance, ("J_R1", "J2", "axis", "partial_velocity2", "m2", "e")),
+    Step("inertia_about_R1", dyn.pair_inertia, ("J_R1", "J2", "axis", "partial_velocity2", "m2", "e")),
     Step("centre1_to_centre2", eq.subtract, ("e", "centre1")),
     Step("reduced_mass", operator.mul, ("m1", "mass_fraction2")),
     Step(
         "inertia_about_centre",
-        dyn.resistance,
+        dyn.pair_inertia,
         ("J", "J2", "axis", "partial_velocity2", "reduced_mass", "centre1_to_centre2"),
     ),
     Step("centre1_to_centre", eq.scale, ("centre1_to_centre2", "mass_fraction2")),
@@ -107,13 +107,17 @@ _LOADED = (
 _POINTS = {
     "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
     "pinned": (Step("point", _nothing, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
-    "carried": (Step("inertia_about_point", dyn.resistance, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
+    "carried": (Step("inertia_about_point", dyn.pair_inertia, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
 }
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
 _TURNING = (
-    Step("solution", dyn.turning, ("inertia_about_point", "J2", "torque_at_point", "hinge_torque_at_point")),
+    Step(
+        "solution",
+        dyn.angular_accelerations,
+        ("inertia_about_point", "J2", "torque_at_point", "hinge_torque_at_point"),
+    ),
     Step("alpha1", operator.itemgetter(0), ("solution",)),
     Step("psidd", operator.itemgetter(1), ("solution",)),
     Step("pivot_ratios", operator.itemgetter(2), ("solution",)),
@@ -126,7 +130,7 @@ _SOLVED = {
         *_TURNING,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
         Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
-        Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
+        Step("a1", dyn.reference_point_rate, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
     ),
     "pinned": (
         Step("torque_at_point", same, ("torque",)),

@@ -74,7 +74,7 @@ def _largest_component(parts: tuple[Any, ...]) -> Any:
 
 def _rotation_defect(S: eq.Matrix) -> Any:
     """Return the largest element of S S^T - I; of a reflection, 2."""
-    *errors, volume = eq.orthonormality(S)
+    *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
 
@@ -238,8 +238,6 @@ PLANAR_STEPS = (
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
 
 
-_ZERO: Vector = (0.0, 0.0, 0.0)  # an acceleration that is none
-
 JACOBIAN_STEPS = (
     Step("turns", lambda: by.WORLD_AXES, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
@@ -250,12 +248,14 @@ JACOBIAN_STEPS = (
     ),
     Step(
         "a2_bias",
-        lambda omega1, d, lever_by_psi, psid, own: eq.acceleration2(_ZERO, omega1, _ZERO, d, lever_by_psi, psid, own),
+        lambda omega1, d, lever_by_psi, psid, own: eq.acceleration2(
+            eq.ZERO_VECTOR, omega1, eq.ZERO_VECTOR, d, lever_by_psi, psid, own
+        ),
         ("omega1", "d", "lever_by_psi", "psid", "relative_bias"),
     ),
     Step(
         "alpha2_bias",
-        lambda omega1, axis, psid: eq.angular_acceleration2(_ZERO, omega1, axis, psid, 0.0),
+        lambda omega1, axis, psid: eq.angular_acceleration2(eq.ZERO_VECTOR, omega1, axis, psid, 0.0),
         ("omega1", "axis", "psid"),
     ),
     Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
@@ -287,14 +287,14 @@ SENSITIVITY_STEPS = (
     Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
     Step("d_by_psi", eq.cross, ("r2", "axis")),
     Step("S2_by_n", by.attitude_by_turns, ("turned_by_n", "S2")),
-    Step("S2_by_psi", by.spun, ("axis", "S2")),
+    Step("S2_by_psi", by.rotation_rate, ("axis", "S2")),
     Step("spun_by_n", by.spins_by_n, ("S1", "n", "psid")),
-    Step("v2_by_u1", by.spun, ("omega1", "S1")),
-    Step("S2_rate", by.spun, ("omega2", "S2")),
+    Step("v2_by_u1", by.rotation_rate, ("omega1", "S1")),
+    Step("S2_rate", by.rotation_rate, ("omega2", "S2")),
     Step("v2_by_u2", by.negative, ("S2_rate",)),
     Step("v2_by_n", by.velocity_by_n, ("spun_by_n", "turned_by_n", "omega2", "r2")),
     Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
-    Step("omega2_by_n", lambda spins: by.beside(*spins), ("spun_by_n",)),
+    Step("omega2_by_n", lambda spins: by.matrix_from_columns(*spins), ("spun_by_n",)),
 )
 """Steps to the derivatives by u1, u2, n and psi (E2, E5-E8)."""
 
@@ -327,12 +327,12 @@ CONSTRAINT_STEPS = (
     Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
     Step("tilt", ce.tilt, ("f1", "f2", "h2")),
     Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
-    Step("turn", ce.hinge_turn, ("f", "g1", "g2")),
+    Step("turn", ce.hinge_angle_terms, ("f", "g1", "g2")),
     Step("psi", _twist, ("turn",)),
     Step("tilt_axes", ce.tilt_axes, ("f1", "f2", "h2")),
     Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
     Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
-    Step("spin", ce.relative_turn, ("omega1", "omega2")),
+    Step("spin", ce.relative_rate, ("omega1", "omega2")),
     Step("omegas", together, ("omega1", "omega2")),
     Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
     Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
@@ -344,7 +344,7 @@ CONSTRAINT_STEPS = (
     Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
     Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
     Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),
-    Step("relative_alpha", ce.relative_turn, ("alpha1", "alpha2")),
+    Step("relative_alpha", ce.relative_rate, ("alpha1", "alpha2")),
     Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),
     Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
     Step("psidd", _component_quotient, ("psidd_parts",)),

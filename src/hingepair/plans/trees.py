@@ -16,6 +16,7 @@ from hingepair.engine.trace import name_components, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import solve_symmetric
 from hingepair.equations.spatial import (
+    ZERO_VECTOR,
     Matrix,
     Scalar,
     Vector,
@@ -174,7 +175,7 @@ class Computation:
         ]
         for name, turn in zip(self.form.names, turns, strict=True):
             name_components(name, turn, (f"sin_{name}", f"cos_{name}"))
-        return eq.places(self.links, turns, self.q)
+        return eq.joint_placements(self.links, turns, self.q)
 
     # ---- kinematics
 
@@ -186,7 +187,7 @@ class Computation:
     @functools.cached_property
     def rates(self) -> list[eq.Rates]:
         """The velocity of every body, world axes."""
-        base = self.values.get("v1", eq.ZERO), self.values["omega1"]
+        base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
         return self._named(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
     @functools.cached_property
@@ -197,7 +198,7 @@ class Computation:
     @property
     def _base_change(self) -> eq.Rates:
         """(a1, alpha1); a1 is none where no output needs it."""
-        return self.values.get("a1", eq.ZERO), self.values["alpha1"]
+        return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
         found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
@@ -241,12 +242,12 @@ class Computation:
     def jacobian(self) -> tuple[Scalar, ...]:
         """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row."""
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
-        own = eq.point_columns(self.links, self.poses, body, d)
-        return _matrix_rows(self._columns(own, eq.base_columns(d) if self.request.free else ()))
+        own = eq.point_jacobian_columns(self.links, self.poses, body, d)
+        return _matrix_rows(self._columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
         """Return (a, alpha) of the first frame where the derivatives of the Jacobian's velocities are 0."""
-        base = (eq.ZERO, eq.ZERO) if self.request.free else self._base_change
+        base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change
         a, alpha = self._frame_changes(self._changes(self.still, base))[0]
         return (*a, *alpha)
 
@@ -267,7 +268,7 @@ class Computation:
         loaded: bool = True,
     ) -> list[eq.Wrench]:
         """Return the wrench that each joint transmits, the base first, from the base's motion in its axes (T1-T3)."""
-        feels = eq.accelerations(self.links, self.places, qd, qdd, omega, alpha, a)
+        feels = eq.accelerations_in_own_axes(self.links, self.places, qd, qdd, omega, alpha, a)
         self._named(feels, ("omega", "a", "B"))
         own = eq.inertial_wrenches(self.base, self.links, feels)
         for k, place in enumerate(self.request.loaded if loaded else ()):
@@ -276,7 +277,7 @@ class Computation:
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
             f, t = own[body]
             own[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
-        return self._named(eq.inward(self.links, self.places, own), ("f", "t"))
+        return self._named(eq.sum_inward(self.links, self.places, own), ("f", "t"))
 
     @functools.cached_property
     def transmitted(self) -> list[eq.Wrench]:
@@ -294,7 +295,7 @@ class Computation:
         values, free = self.values, self.request.free
         omega = rotate(self.base_axes, values["omega1"])
         if free:
-            return self._wrenches(self.qd, self.still, omega, eq.ZERO, eq.ZERO)
+            return self._wrenches(self.qd, self.still, omega, ZERO_VECTOR, ZERO_VECTOR)
         falling = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
         return self._wrenches(self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling)
 
@@ -308,7 +309,7 @@ class Computation:
 
     def bias_forces(self, moving: bool) -> tuple[Scalar, ...]:
         """Return the forces that do not depend on second derivatives: of rates and gravity, or of gravity alone."""
-        values, still = self.values, eq.ZERO
+        values, still = self.values, ZERO_VECTOR
         if self.request.free:
             fall = rotate(self.base_axes, scale(values["gravity"], -1.0))
             alpha = still
@@ -346,7 +347,7 @@ class Computation:
                 if j < i and low == high:  # what follows and its leader stand on the diagonal: both halves count
                     value = value + value
                 sums[high][shift + low] = sums[high][shift + low] + value
-        return [*(eq.base_block(self.values["S1"], self.composites[0]) if shift else ()), *sums]
+        return [*(eq.base_mass_rows(self.values["S1"], self.composites[0]) if shift else ()), *sums]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
         """Return M, row by row."""
@@ -363,9 +364,9 @@ class Computation:
         return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
 
     @functools.cached_property
-    def articulated(self) -> tuple[list[eq.Elimination], eq.SpatialInertia]:
+    def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
         """Articulated bodies (T5)."""
-        return eq.articulated(self.base, self.links, self.places, _reciprocal)
+        return eq.eliminate_joints(self.base, self.links, self.places, _reciprocal)
 
     @functools.cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
@@ -375,8 +376,8 @@ class Computation:
     def _solved_by_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solve forward dynamics by articulated bodies (T5); return a1, alpha1 and q''."""
         steps, base = self.articulated
-        left, (force, torque) = eq.given_way(self.links, self.places, steps, self.motor_loads)
-        a = alpha = eq.ZERO
+        left, (force, torque) = eq.accelerations_by_loads(self.links, self.places, steps, self.motor_loads)
+        a = alpha = ZERO_VECTOR
         if self.request.free:
             f, t = self.transmitted_bias[0]
             values, back = self.values, self.base_axes
@@ -422,7 +423,7 @@ class Computation:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
         found, _ = self._eliminated(loads)
-        a, alpha = (found[:3], found[3:6]) if shift else (eq.ZERO, eq.ZERO)
+        a, alpha = (found[:3], found[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
         return self._judged(a, alpha, found[shift:])
 
     def _eliminated(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
@@ -449,13 +450,16 @@ class Computation:
         share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
             force, _ = eq.axis_wrench(link.slides, matter)
-            own.append((scale(rotate(pose.S, force), share), eq.ZERO))
-        base = eq.base_columns(self.centre_from_base) if self.request.free else ()
+            own.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
+        base = eq.base_jacobian_columns(self.centre_from_base) if self.request.free else ()
         return _matrix_rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
         """Return the acceleration of the centre of mass where the second derivatives are 0."""
-        turning = (self.values["omega1"], *((eq.ZERO, eq.ZERO) if self.request.free else self._base_change[::-1]))
+        turning = (
+            self.values["omega1"],
+            *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change[::-1]),
+        )
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
         force = self._wrenches(self.qd, self.still, omega, alpha, a, loaded=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
@@ -464,12 +468,12 @@ class Computation:
     def body_rates(self) -> list[eq.Rates]:
         """The velocity of every body, its own axes."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
-        return self._named(eq.velocities(self.links, self.places, self.qd, v, omega), ("v", "omega"))
+        return self._named(eq.velocities_in_own_axes(self.links, self.places, self.qd, v, omega), ("v", "omega"))
 
     @functools.cached_property
     def momenta(self) -> list[eq.Wrench]:
         """P and L of every body about its reference point, own axes."""
-        return eq.momenta(self.base, self.links, self.body_rates)
+        return eq.body_momenta(self.base, self.links, self.body_rates)
 
     def kinetic(self) -> Scalar:
         """Return the kinetic energy."""
@@ -483,7 +487,7 @@ class Computation:
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
         """P, and L about the base's reference point, world axes."""
-        P, L = eq.inward(self.links, self.places, self.momenta)[0]
+        P, L = eq.sum_inward(self.links, self.places, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
     def angular(self, about: Vector) -> Vector:

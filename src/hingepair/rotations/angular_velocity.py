@@ -56,7 +56,7 @@ def angular_velocity(
 
     def turning(values: Named) -> Named:
         """Return omega from S and S', and on request the largest symmetric part of S' S^T."""
-        W = eq.angular_velocity_of(values["S"], values["S_dot"])
+        W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         found: Named = {"omega": eq.unskew(W)}
         if with_defect:
             pairs = ((0, 0), (4, 4), (8, 8), (1, 3), (2, 6), (5, 7))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD_AXES, beside
+from hingepair.equations.derivatives import WORLD_AXES, matrix_from_columns
 from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
@@ -130,7 +130,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [0., 1., 0.],
            [0., 0., 1.]])
     """
-    return _matrix(phi, sequence, lambda order, trig: beside(*order.columns(order.axes(trig))))
+    return _matrix(phi, sequence, lambda order, trig: matrix_from_columns(*order.columns(order.axes(trig))))
 
 
 def _matrix(phi: ArrayLike, sequence: str, function: Callable[[Sequence, tuple[Any, ...]], Any]) -> FloatArray:
@@ -198,7 +198,7 @@ def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -
     x, y, z = (omega[order.place.index(i)] for i in range(3))
     if order.sign < 0:
         x, y, z = -x, -y, -z
-    across = eq.euler_rate_along(axes, (x, y, z))
+    across = eq.scaled_third_rate(axes, (x, y, z))
     third = -np.divide(across, trig[2]) if order.proper else np.divide(across, trig[3])
     return eq.euler_rates1(axes, (x, y, z), third)
 
@@ -284,13 +284,13 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         """Return J, J^-1, J', the condition number and the distance from gimbal lock [rad] by name."""
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
-        found: Named = {"J": beside(*order.columns(axes))}
+        found: Named = {"J": matrix_from_columns(*order.columns(axes))}
         if "phid" in values:
-            found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
+            found["J_dot"] = matrix_from_columns(*order.column_rates(axes, values["phid"]))
         sine, cosine = np.abs(trig[2]), np.abs(trig[3])
         lock, common = (sine, cosine) if order.proper else (cosine, sine)
         inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_AXES]
-        found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
+        found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in matrix_from_columns(*inverse))
         found["condition"] = np.divide(1.0 + common, lock)
         found["lock_distance"] = np.arctan2(lock, common)
         return found

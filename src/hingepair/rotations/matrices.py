@@ -309,6 +309,6 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 def _orthonormality(values: Named) -> Named:
     """Return the largest element of S^T S - I, and the determinant."""
-    *products, volume = eq.orthonormality(values["S"])
+    *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}
