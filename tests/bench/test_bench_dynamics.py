@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from hingepair.bench import dynamics as bench
 from hingepair.cli.main import app
 
-PAIR = bench.make_massive_pair()
+PAIR = bench.make_pair_with_masses()
 
 
 @pytest.mark.slow
@@ -40,7 +40,7 @@ def test_the_textbook_is_newton_and_euler():
     psi, psid, _ = motion.hinge[:, 0]
     one = motion.body1
     y = np.concatenate([one.R[0], np.roll(motion.rows[0][0, 3:7], 1), [psi], one.v[0], one.omega[0], [psid]])
-    slopes = bench.textbook_rates(PAIR, lambda _: 0.7)(0.0, y)
+    slopes = bench.newton_euler_rates(PAIR, lambda _: 0.7)(0.0, y)
     found = PAIR.forward_dynamics(one, psi, psid, hinge_torque=0.7)
     np.testing.assert_allclose(
         slopes[8:], np.concatenate([found.a1[0], found.alpha1[0], found.psidd]), rtol=0, atol=1e-11
@@ -50,16 +50,16 @@ def test_the_textbook_is_newton_and_euler():
 
 @pytest.mark.slow
 def test_the_command_reports_a_simulation(monkeypatch):
-    monkeypatch.setattr(bench, "_SIMULATION_TIMES", np.linspace(0, 0.1, 3))
+    monkeypatch.setattr(bench, "_SIMULATION_INSTANTS", np.linspace(0, 0.1, 3))
     done = CliRunner().invoke(app, ["bench", "dynamics", "--samples", "10", "--repeats", "1", "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
-    assert {bench.SIMULATION_CASE, bench.case_name(bench.INVERSE_WORKLOAD, 1)} < {
+    assert {bench.TUMBLING_CASE_NAME, bench.case_name(bench.INVERSE_WORKLOAD, 1)} < {
         row["case"] for row in report["rows"]
     }
-    errors = [row["error"] for row in report["rows"] if row["case"] == bench.SIMULATION_CASE]
+    errors = [row["error"] for row in report["rows"] if row["case"] == bench.TUMBLING_CASE_NAME]
     assert len(errors) == 2
     assert max(errors) <= bench.MAX_SIMULATION_ERROR
-    stiff = [row for row in report["rows"] if row["case"] == bench.STIFF_SIMULATION_CASE]
+    stiff = [row for row in report["rows"] if row["case"] == bench.STIFF_CASE_NAME]
     assert [row["method"] for row in stiff] == [bench.HINGEPAIR_NAME, bench.RADAU_NAME, bench.LSODA_NAME]
     assert max(row["error"] for row in stiff) <= bench.MAX_SIMULATION_ERROR

@@ -15,8 +15,8 @@ from hingepair.cli.main import app
 
 @pytest.mark.parametrize("method", [bench.fit_by_hingepair, bench.fit_by_constraints, bench.fit_by_equations])
 def test_every_way_finds_the_hinge_that_was_recorded(method):
-    line = method(bench.make_recording(60, 0.0, 0), "linear")
-    made = bench.make_recording(60, 0.0, 0)
+    line = method(bench.make_pose_recording(60, 0.0, 0), "linear")
+    made = bench.make_pose_recording(60, 0.0, 0)
     Q = np.swapaxes(made.S1, -1, -2) @ made.S2
     assert np.abs(Q @ line.n_body2 - line.n).max() < 0.02
     gap = made.R1 + made.S1 @ line.u1 - made.R2 - made.S2 @ line.u2

@@ -25,7 +25,7 @@ FOLLOWERS = """<robot name="r"><link name="a"/>
 <joint name="j3" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="1 0 0"/>
 <mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint></robot>"""
 
-CASES = [(name, workload) for name in bench.LOCKED_JOINTS for workload in bench.WORKLOAD_NAMES]
+CASES = [(name, workload) for name in bench.LOCKED_POSITIONS_BY_ROBOT for workload in bench.WORKLOAD_NAMES]
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_all_engines_agree(name, workload):
     task = bench.make_robot_task(name, robot, model, workload, 3 if workload != bench.FORWARD_WORKLOAD else 1)
     truth = bench.exact_robot_results(task)
     for method in bench.ROBOT_METHODS:
-        asked = workload in bench._METHOD_WORKLOADS.get(method.name, bench.WORKLOAD_NAMES)
+        asked = workload in bench._WORKLOADS_BY_METHOD_NAME.get(method.name, bench.WORKLOAD_NAMES)
         if asked and method.name not in (bench.PINOCCHIO_CPP_NAME, bench.FRAX_NAME):
             one = (
                 bench.make_robot_task(name, robot, model, workload, 1) if method.name == bench.PREPARED_NAME else task
@@ -104,9 +104,9 @@ def test_the_cpp_loop_agrees(monkeypatch):
     bench._load_robots_library.cache_clear()
     library = next(engines._header_folders()).parent / "lib"
     linked = ("-Wl,--no-as-needed", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default")
-    kept = [flag for flag in engines._COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
+    kept = [flag for flag in engines._CPP_COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
     flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
-    monkeypatch.setattr(engines, "_COMPILER_FLAGS", flags)
+    monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
     method = next(method for method in bench.ROBOT_METHODS if method.name == bench.PINOCCHIO_CPP_NAME)
     for name, workload in CASES:
         robot, model = bench._load_models(name)

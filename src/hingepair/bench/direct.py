@@ -31,24 +31,24 @@ from hingepair.bench.peers import (
     COPY_FLOOR_NAME,
     FRESH_COPY_FLOOR_NAME,
     HINGEPAIR_NAME,
-    LEVEL_OUTPUTS,
+    OUTPUTS_BY_LEVEL,
     make_kinematics_task,
 )
 from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.truth import TRUTH_DIGITS, ExactResults, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
-HARD_ERROR_COLUMN = "on hard states"  # heading of a column of the table
-CYCLE_CASE = "one state: FK, Jacobian, bias from a quaternion"  # name of a case
-CONSTRUCTION_CASE = "construction of a pair"  # name of a case
-FRESH_PROCESS_CASE = "a fresh process"  # beginning of the names of cases
-OFFSETS_CASE = "outputs at offsets from a cache line"  # beginning of the names of cases
-OUTPUT_OFFSETS = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
+HARD_STATE_ERROR_COLUMN = "on hard states"  # heading of a column of the table
+CONTROL_CYCLE_CASE_NAME = "one state: FK, Jacobian, bias from a quaternion"  # name of a case
+CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
+FRESH_PROCESS_CASE_PREFIX = "a fresh process"  # beginning of the names of cases
+OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
+OFFSET_BYTES_BY_ROW_NAME = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
 """Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
 _CACHE_LINE_BYTES = 64
 """Size of a cache line [bytes]."""
-_ACCURACY_STATES = 40  # number of random states whose results are compared with the exact ones
+_NUM_ACCURACY_STATES = 40  # number of random states whose results are compared with the exact ones
 # Explains the columns below the table.
 _TABLE_NOTE = (
     "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
@@ -58,46 +58,53 @@ _TABLE_NOTE = (
 )
 
 
-def measure_kinematics(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool) -> Report:
-    """Measure all ways at all sizes beside the copy floor, outputs at several offsets, and single states.
+def measure_kinematics(
+    sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_starts: bool
+) -> Report:
+    """Measure forward kinematics by all methods at all sizes and levels; return the report with its picture.
 
     Args:
         sizes: batch sizes.
         levels: names of levels: pose, velocity, acceleration.
         repeats: of each measurement.
-        cpp: whether the C++ loop of Pinocchio is compiled and measured.
-        cold: whether imports and first calls are measured too, in fresh processes.
+        with_cpp: whether the C++ loop of Pinocchio is compiled and measured.
+        with_starts: whether imports and first calls are measured too, in fresh processes.
     """
-    if cpp:
+    if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (up to a minute)")
-    methods, left_out = available_methods(peers.KINEMATICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(cpp)})
+    methods, left_out = available_methods(
+        peers.KINEMATICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp)}
+    )
     rows = (
         measure_batches(methods, sizes, levels, repeats)
         + measure_offsets(max(sizes), levels, repeats)
         + measure_single_states(repeats)
     )
-    rows += measure_starts(repeats) if cold else []
+    rows += measure_fresh_processes(repeats) if with_starts else []
     return Report(rows, "error", [*left_out, _TABLE_NOTE], [make_error_panels(rows)])
 
 
 def measure_batches(
     methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int
 ) -> list[Row]:
-    """Measure all methods at all batch sizes; a method with a limit computes fewer samples."""
+    """Measure all methods at all batch sizes; return the rows. A method with a limit computes fewer samples."""
     rng = np.random.default_rng(20)
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rows: list[Row] = []
     for level in levels:
-        parts, outputs = list(LEVEL_OUTPUTS).index(level) + 1, LEVEL_OUTPUTS[level]
+        num_levels, outputs = list(OUTPUTS_BY_LEVEL).index(level) + 1, OUTPUTS_BY_LEVEL[level]
         random, hard = (
             method_errors(pair, methods, ExactResults(BENCH_PAIR_CONSTANTS, states, outputs))
-            for states in (random_states(rng, _ACCURACY_STATES, parts), hard_states(rng, parts))
+            for states in (
+                random_states(rng, _NUM_ACCURACY_STATES, num_levels),
+                hard_states(rng, num_levels),
+            )
         )
-        more = {name: {HARD_ERROR_COLUMN: value} for name, value in hard.items()}
+        more = {name: {HARD_STATE_ERROR_COLUMN: value} for name, value in hard.items()}
         rows_by_size = {}
         for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
             print_progress(f"{level}, N = {size:,}: {repeats} repeats")
-            task = make_kinematics_task(pair, random_states(rng, size, parts), outputs)
+            task = make_kinematics_task(pair, random_states(rng, size, num_levels), outputs)
             rows_by_size[size] = measure_methods(
                 case_name(level, size), methods, task.first_samples, size, repeats, random, more
             )
@@ -106,63 +113,64 @@ def measure_batches(
 
 
 def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
-    """Measure batches into outputs that begin at several offsets from a cache line, beside the copy floor."""
+    """Measure writes into outputs at several byte offsets from a cache line, beside copying; return the rows."""
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
-        print_progress(f"{level}, N = {size:,}, outputs at {len(OUTPUT_OFFSETS)} offsets: {repeats} repeats")
+        num_offsets = len(OFFSET_BYTES_BY_ROW_NAME)
+        print_progress(f"{level}, N = {size:,}, outputs at {num_offsets} offsets: {repeats} repeats")
         task = make_kinematics_task(
-            pair, random_states(rng, size, list(LEVEL_OUTPUTS).index(level) + 1), LEVEL_OUTPUTS[level]
+            pair, random_states(rng, size, list(OUTPUTS_BY_LEVEL).index(level) + 1), OUTPUTS_BY_LEVEL[level]
         )
         jobs = {COPY_FLOOR_NAME: peers.copy_job(task)}
-        for name, shift in OUTPUT_OFFSETS.items():
+        for name, shift in OFFSET_BYTES_BY_ROW_NAME.items():
             buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
             jobs[name] = make_job(task._replace(buffers=buffers))
-        rows += make_rows(case_name(f"{OFFSETS_CASE}: {level}", size), time_interleaved(jobs, repeats), size)
+        rows += make_rows(case_name(f"{OFFSETS_CASE_PREFIX}: {level}", size), time_interleaved(jobs, repeats), size)
     return rows
 
 
-def allocate_at_offset(shape: tuple[int, ...], shift: int) -> NDArray[np.float64]:
-    """Return an array that begins a number of bytes after the start of a cache line, a multiple of 8.
+def allocate_at_offset(shape: tuple[int, ...], offset_bytes: int) -> NDArray[np.float64]:
+    """Return an array that begins `offset_bytes`, a multiple of 8, after the start of a cache line.
 
     Every memory page of the array has been written to.
     """
     count = math.prod(shape)
     memory = np.ones(count + 2 * _CACHE_LINE_BYTES // 8)
-    start = (-memory.ctypes.data % _CACHE_LINE_BYTES + shift) // 8
+    start = (-memory.ctypes.data % _CACHE_LINE_BYTES + offset_bytes) // 8
     return memory[start : start + count].reshape(shape)
 
 
-def method_errors(pair: HingePair, methods: Iterable[Method], truth: ExactResults) -> dict[str, float]:
-    """Return the largest error of each method [u * scale], by its name; infinite if the method refuses a state."""
+def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: ExactResults) -> dict[str, float]:
+    """Return the largest error of each method [u * scale], by its name; inf if the method refuses a state."""
     largest_errors = {}
     for method in methods:
-        task = make_kinematics_task(pair, truth.motion, truth.outputs)
+        task = make_kinematics_task(pair, exact_results.motion, exact_results.outputs)
         try:
             with np.errstate(all="ignore"):
                 results = method.make_job(task)()
         except ValueError:
             results = {name: np.full_like(array, np.nan) for name, array in task.buffers.items()}
         if method.name not in {COPY_FLOOR_NAME, FRESH_COPY_FLOOR_NAME}:
-            named = results if isinstance(results, dict) else dict(zip(truth.outputs, results, strict=True))
-            largest_errors[method.name] = truth.largest_error(named)
+            named = results if isinstance(results, dict) else dict(zip(exact_results.outputs, results, strict=True))
+            largest_errors[method.name] = exact_results.largest_error(named)
     return largest_errors
 
 
 def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
-    """Return the panels of the picture: error against run time at the largest batch size of each level.
+    """Return the picture's panels: error against run time at the largest batch size, a panel for each level.
 
     Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
     drawn = {method.name for method in peers.KINEMATICS_METHODS if method.in_picture}
     panels: list[Panel] = []
-    for level in LEVEL_OUTPUTS:
+    for level in OUTPUTS_BY_LEVEL:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
         times = {
             row.method: (row.min_seconds / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]
         }
         curves = [
-            MethodCurve(name, [(ns, row.error), (ns, row.more[HARD_ERROR_COLUMN])], second_is_hard=True)
+            MethodCurve(name, [(ns, row.error), (ns, row.more[HARD_STATE_ERROR_COLUMN])], second_is_hard=True)
             for name, (ns, row) in times.items()
             if name in drawn and row.error is not None
         ]
@@ -173,7 +181,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
 
 
 def measure_single_states(repeats: int) -> list[Row]:
-    """Measure calls for one state: the construction of a pair, and a control cycle from a quaternion."""
+    """Measure the construction of a pair, and a control cycle of one state; return the rows."""
     print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rng = np.random.default_rng(21)
@@ -185,73 +193,82 @@ def measure_single_states(repeats: int) -> list[Row]:
         HINGEPAIR_NAME: peers.hingepair_cycle_job(pair, *state),
     }
     construction_times = time_interleaved({HINGEPAIR_NAME: lambda: HingePair(**plain)}, repeats)
-    return make_rows(CYCLE_CASE, time_interleaved(jobs, repeats)) + make_rows(CONSTRUCTION_CASE, construction_times)
+    cycle_times = time_interleaved(jobs, repeats)
+    return make_rows(CONTROL_CYCLE_CASE_NAME, cycle_times) + make_rows(CONSTRUCTION_CASE_NAME, construction_times)
 
 
-# Code of a process that prints the time from {timed} to its end [s].
-_TIMING_TEMPLATE = """
+# Code of a process that runs {before}, and prints the time from {timed} to its end [s].
+_TIMED_CODE_TEMPLATE = """
 import atexit, sys, time
 {before}
 atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr), time.perf_counter())
 {timed}
 """
 # Code that makes a pair and the arguments of calls of {sizes} samples.
-_PAIR_TEMPLATE = """
+_PAIR_AND_STATES_TEMPLATE = """
 import numpy as np
 import hingepair as hp
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 rng = np.random.default_rng(0)
 calls = [(rng.normal(size=(n, 7) if n > 1 else 7), rng.normal(size=(n, 7) if n > 1 else 7)) for n in {sizes}]
 """
-# Code that makes the calls.
-_CALLS_TEMPLATE = "for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
 # The scene that a process runs.
-_SCENE_TEXT = """
+_SCENE_TOML = """
 pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
 motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}
 time = {start = 0, stop = 10, samples = 10001}
 """
-_RUN_CODE = "from hingepair.cli.main import main; main()"  # code of a command
 # names of cases
-IMPORT_CASE, RUN_CASE = f"{FRESH_PROCESS_CASE}: import", f"{FRESH_PROCESS_CASE}: hingepair run, reference scene"
-FIRST_CALL_NAME = "1 x 200,000"  # name of the sequence of one large call
-# Batch sizes of sequences of calls, as code, by the name of the sequence.
-CALL_SEQUENCES = {
-    FIRST_CALL_NAME: "[200_000]",
-    "1,000 x 1": "[1] * 1000",
-    "2,000 x 20": "[20] * 2000",
-    "300 x 1,000": "[1000] * 300",
-    "20 x 10,000": "[10_000] * 20",
-    "3 x 1,000,000": "[1_000_000] * 3",
-    "1 x 100,000 among 200 x 1": "[1] * 100 + [100_000] + [1] * 100",
+IMPORT_CASE_NAME, RUN_CASE_NAME = (
+    f"{FRESH_PROCESS_CASE_PREFIX}: import",
+    f"{FRESH_PROCESS_CASE_PREFIX}: hingepair run, reference scene",
+)
+LARGE_CALL_SEQUENCE_NAME = "1 x 200,000"  # name of the sequence of one large call
+# Batch sizes of sequences of calls, by the name of the sequence.
+BATCH_SIZES_BY_SEQUENCE_NAME = {
+    LARGE_CALL_SEQUENCE_NAME: [200_000],
+    "1,000 x 1": [1] * 1000,
+    "2,000 x 20": [20] * 2000,
+    "300 x 1,000": [1000] * 300,
+    "20 x 10,000": [10_000] * 20,
+    "3 x 1,000,000": [1_000_000] * 3,
+    "1 x 100,000 among 200 x 1": [1] * 100 + [100_000] + [1] * 100,
 }
 # Backends that the sequences of calls are measured with.
 BACKEND_NAMES = ("auto", "numpy", "compiled")
 
 
-def measure_starts(repeats: int) -> list[Row]:
-    """Measure imports, a scene and sequences of calls by each backend, each in a fresh process."""
-    print_progress(f"fresh processes: imports and {len(CALL_SEQUENCES)} sequences of calls, {repeats} repeats")
+def measure_fresh_processes(repeats: int) -> list[Row]:
+    """Measure imports, the run of a scene and sequences of calls, each in a fresh process; return the rows."""
+    num_sequences = len(BATCH_SIZES_BY_SEQUENCE_NAME)
+    print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
-        scene.write_text(_SCENE_TEXT, encoding="utf-8")
-        run = _TIMING_TEMPLATE.format(before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]", timed=_RUN_CODE)
+        scene.write_text(_SCENE_TOML, encoding="utf-8")
+        run = _TIMED_CODE_TEMPLATE.format(
+            before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]",
+            timed="from hingepair.cli.main import main; main()",
+        )
         codes = {
-            IMPORT_CASE: {
-                name: _TIMING_TEMPLATE.format(before="", timed=f"import {name}") for name in ("numpy", "hingepair")
+            IMPORT_CASE_NAME: {
+                name: _TIMED_CODE_TEMPLATE.format(before="", timed=f"import {name}")
+                for name in ("numpy", "hingepair")
             },
-            RUN_CASE: {HINGEPAIR_NAME: run},
+            RUN_CASE_NAME: {HINGEPAIR_NAME: run},
         }
-        for name, sizes in CALL_SEQUENCES.items():
-            calls = {backend: _CALLS_TEMPLATE.format(backend=backend) for backend in BACKEND_NAMES}
-            before = _PAIR_TEMPLATE.format(sizes=sizes)
-            codes[f"{FRESH_PROCESS_CASE}: {name}"] = {
-                b: _TIMING_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
+        for name, sizes in BATCH_SIZES_BY_SEQUENCE_NAME.items():
+            calls = {
+                backend: f"for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
+                for backend in BACKEND_NAMES
+            }
+            before = _PAIR_AND_STATES_TEMPLATE.format(sizes=sizes)
+            codes[f"{FRESH_PROCESS_CASE_PREFIX}: {name}"] = {
+                b: _TIMED_CODE_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
             }
         environment = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
         for code in (
             run,
-            *codes[f"{FRESH_PROCESS_CASE}: {FIRST_CALL_NAME}"].values(),
+            *codes[f"{FRESH_PROCESS_CASE_PREFIX}: {LARGE_CALL_SEQUENCE_NAME}"].values(),
         ):  # an unmeasured run compiles the modules to bytecode
             _run_fresh_process(code, environment)
         rows = []
@@ -265,7 +282,7 @@ def measure_starts(repeats: int) -> list[Row]:
 
 
 def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
-    """Run code in a fresh process; return the seconds that it prints last."""
+    """Run Python code in a fresh process; return the seconds that it prints last."""
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )

@@ -19,7 +19,7 @@ from hingepair.bench.engines import (
     DYNAMICS_FLAG,
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_LOOP_SAMPLES,
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PAIR_LOOP_SOURCE,
     PINOCCHIO_CPP_NAME,
@@ -58,32 +58,32 @@ DOP853_NAME, RADAU_NAME, LSODA_NAME = "SciPy DOP853, NumPy", "SciPy Radau", "Sci
 MAX_SIMULATION_ERROR = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
-_SIMULATION_TIMES = np.linspace(0, 10, 101)  # [s], of the tumbling pair
+_SIMULATION_INSTANTS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
 _INITIAL_OMEGA = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
 _SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
 
 
-def make_massive_pair() -> HingePair:
-    """Return a pair whose bodies have masses."""
+def make_pair_with_masses() -> HingePair:
+    """Return the hinge pair of this benchmark, whose bodies have masses, centres of mass and inertias."""
     body1 = Body(2.0, (0.1, -0.3, 0.2), [[0.7, 0.1, 0.05], [0.1, 0.6, -0.1], [0.05, -0.1, 0.8]])
     body2 = Body(1.0, (-0.2, 0.1, 0.05), [[0.3, 0.02, 0.04], [0.02, 0.25, -0.03], [0.04, -0.03, 0.35]])
     return HingePair(**BENCH_PAIR_CONSTANTS, body1=body1, body2=body2)
 
 
-def measure_dynamics(samples: int, repeats: int, cpp: bool) -> Report:
-    """Measure inverse and forward dynamics of one state and of many, and simulations to a given error."""
-    pair, rows = make_massive_pair(), list[Row]()
+def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
+    """Measure inverse and forward dynamics of one state and of a batch, and simulations; return the report."""
+    pair, rows = make_pair_with_masses(), list[Row]()
     methods, notes = available_methods(
-        DYNAMICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(cpp, PAIR_LOOP_SOURCE, DYNAMICS_FLAG)}
+        DYNAMICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, PAIR_LOOP_SOURCE, DYNAMICS_FLAG)}
     )
-    for size in (1, samples):
+    for size in (1, batch_size):
         for case in (INVERSE_WORKLOAD, FORWARD_WORKLOAD):
             print_progress(f"{case}, N = {size:,}: {repeats} repeats")
             task = functools.cache(functools.partial(make_dynamics_task, pair, case == INVERSE_WORKLOAD))
             applicable = methods[1:] if size > 1 else methods
             rows += measure_methods(case_name(case, size), applicable, task, size, repeats)
     if find_spec("scipy"):
-        rows += measure_simulation(pair, repeats) + measure_stiff_simulation(repeats)
+        rows += measure_tumbling_simulation(pair, repeats) + measure_stiff_simulation(repeats)
     notes.append(
         f"error: largest error of attitude and psi over the motion [rad]; each solver has the coarsest tolerance "
         f"with an error of at most {MAX_SIMULATION_ERROR:g}"
@@ -92,22 +92,22 @@ def measure_dynamics(samples: int, repeats: int, cpp: bool) -> Report:
 
 
 class DynamicsTask(NamedTuple):
-    """Random states, accelerations and the forces that belong to them; one of the last two is computed."""
+    """Random states of a pair, with accelerations and the forces that cause them; a method computes one of both."""
 
     pair: HingePair  # with masses
-    inverse: bool  # whether forces are computed; otherwise accelerations are
+    is_inverse: bool  # whether forces are computed; otherwise accelerations are
     body1: BodyMotion  # motion of body 1
     hinge: Array  # psi, psi', psi''; shape (3, N)
     forces: Forces  # forces on the pair
     rows: list[Array]  # Pinocchio's q, v and the third argument of its function: accelerations or forces
 
 
-def make_dynamics_task(pair: HingePair, inverse: bool, count: int) -> DynamicsTask:
-    """Return a task of random states.
+def make_dynamics_task(pair: HingePair, is_inverse: bool, count: int) -> DynamicsTask:
+    """Return a task of `count` random states: forces are to be computed if `is_inverse`, else accelerations.
 
     Args:
         pair: a pair with masses.
-        inverse: whether forces are computed.
+        is_inverse: whether forces are computed.
         count: number of states.
     """
     rng = np.random.default_rng(23)
@@ -116,17 +116,17 @@ def make_dynamics_task(pair: HingePair, inverse: bool, count: int) -> DynamicsTa
     body1 = motion_of_rotations(R=R, S=rotation_exp(turn), v=v, omega=omega, a=a, alpha=alpha)
     forces = pair.inverse_dynamics(body1, *hinge)
     rows = pinocchio_coordinates(pair, body1, hinge)
-    if not inverse:
+    if not is_inverse:
         S1_inverse = np.swapaxes(body1.S, -1, -2)
         vectors = [(S1_inverse @ vector[..., None])[..., 0] for vector in forces[:2]]
         rows[2] = np.concatenate([*vectors, forces.hinge_torque[:, None]], axis=-1)
-    return DynamicsTask(pair, inverse, body1, hinge, forces, rows)
+    return DynamicsTask(pair, is_inverse, body1, hinge, forces, rows)
 
 
 def hingepair_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that calls the methods of the pair."""
+    """Return a job that calls the pair's `inverse_dynamics` or `forward_dynamics` for all states at once."""
     pair, _, body1, (psi, psid, psidd), (force1, torque1, hinge), _ = task
-    if task.inverse:
+    if task.is_inverse:
         return lambda: pair.inverse_dynamics(body1, psi, psid, psidd)
     return lambda: pair.forward_dynamics(body1, psi, psid, force1=force1, torque1=torque1, hinge_torque=hinge)
 
@@ -137,7 +137,7 @@ def prepared_dynamics_job(task: DynamicsTask) -> Job:
     body1: Any = task.body1
     quat, omega, a, alpha = (x[0].copy() for x in (task.rows[0][:, 3:7], body1.omega, body1.a, body1.alpha))
     force1, torque1, hinge = (np.array(part[0]) for part in task.forces)
-    if task.inverse:
+    if task.is_inverse:
         names, outputs = ("a1", "alpha1", "psi", "psid", "psidd"), ("force1", "torque1", "hinge_torque")
         inputs: tuple[Any, ...] = (a, alpha, psi, psid, psidd)
     else:
@@ -155,7 +155,7 @@ def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
     import pinocchio as pin
 
     twin = to_pinocchio(task.pair)
-    model, data, call = twin.model, twin.data, pin.rnea if task.inverse else pin.aba
+    model, data, call = twin.model, twin.data, pin.rnea if task.is_inverse else pin.aba
     q, v, last = task.rows
     results = np.empty_like(v)
     if len(q) == 1:
@@ -178,26 +178,27 @@ def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
 def pinocchio_cpp_dynamics_job(task: DynamicsTask) -> Job:
     """Return a job that loops over the states in C++ and calls Pinocchio."""
     results = np.ones_like(task.rows[1])
-    return make_cpp_job(task.pair, [int(task.inverse), len(results), *task.rows, results], results, dynamics=True)
+    arguments = [int(task.is_inverse), len(results), *task.rows, results]
+    return make_cpp_job(task.pair, arguments, results, with_dynamics=True)
 
 
 def mujoco_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that loops over the states in Python and calls MuJoCo on the exported model."""
+    """Return a job that loops over the states in Python and calls MuJoCo on the model that `to_mjcf` exports."""
     import mujoco as mj
 
     model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
     model.opt.gravity[:] = GRAVITY
     data = mj.MjData(model)
-    rows = mujoco_coordinates(task.rows, task.body1.v, task.body1.a if task.inverse else task.forces.force1)
+    rows = mujoco_coordinates(task.rows, task.body1.v, task.body1.a if task.is_inverse else task.forces.force1)
     last, solve, result = (
         (data.qacc, mj.mj_inverse, data.qfrc_inverse)
-        if task.inverse
+        if task.is_inverse
         else (data.qfrc_applied, mj.mj_forward, data.qacc)
     )
     results = np.empty_like(rows[1])
 
     def run() -> Array:
-        """Compute the unknowns of every sample by MuJoCo, one sample at a time; return them row by row."""
+        """Compute the forces or accelerations of every state by MuJoCo; return them as rows."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)
@@ -210,17 +211,17 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
 DYNAMICS_METHODS = (
     Method(PREPARED_NAME, prepared_dynamics_job),
     Method(HINGEPAIR_NAME, hingepair_dynamics_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_dynamics_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
 )
 """All methods of `hingepair bench dynamics`; the first one computes one state only."""
 
-SIMULATION_CASE = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+TUMBLING_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
 
 
-def measure_simulation(pair: HingePair, repeats: int) -> list[Row]:
-    """Measure the simulation of a tumbling pair with a spring at its hinge."""
+def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
+    """Measure the simulation of a tumbling pair with a hinge spring, beside SciPy's DOP853; return the rows."""
     truth = scipy_simulation_job(pair, 1e-13)()
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_INITIAL_OMEGA)
 
@@ -229,26 +230,24 @@ def measure_simulation(pair: HingePair, repeats: int) -> list[Row]:
 
     def hingepair_job(tol: float) -> Job:
         read = attrgetter("quat_wxyz", "psi")
-        return lambda: read(simulate(pair, _SIMULATION_TIMES, start, 0.5, 1.0, hinge_torque=spring, tol=tol))
+        return lambda: read(simulate(pair, _SIMULATION_INSTANTS, start, 0.5, 1.0, hinge_torque=spring, tol=tol))
 
     makers: dict[str, Callable[[float], Job]] = {
         HINGEPAIR_NAME: hingepair_job,
         DOP853_NAME: lambda tol: scipy_simulation_job(pair, tol),
     }
-    return _measure_at_max_error(SIMULATION_CASE, makers, lambda result: simulation_error(result, truth), repeats)
+    return _measure_at_max_error(TUMBLING_CASE_NAME, makers, lambda result: simulation_error(result, truth), repeats)
 
 
-STIFF_SIMULATION_CASE = (
-    f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
-)
-_STIFF_TIMES = np.linspace(0, 0.2, 21)  # [s]
+STIFF_CASE_NAME = f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
 _STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0.01 rad/s; the time constant is 6 us
 
 
 def measure_stiff_simulation(repeats: int) -> list[Row]:
-    """Measure the simulation of a small wheel that a motor swings against friction, beside SciPy's stiff solvers."""
+    """Measure the simulation of a wheel with motor and stiff friction, beside SciPy's solvers; return the rows."""
     from scipy.integrate import solve_ivp
 
+    times = np.linspace(0, 0.2, 21)  # [s]
     wheel = HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=Body(1.0, inertia=_STIFF_INERTIA * np.eye(3)))
     start = BodyMotion(R=np.zeros(3), S=np.eye(3))
     load = HingeLoad(friction=_STIFF_FRICTION, friction_rate=0.01, motor=lambda t, _psi, _psid: 0.1 * np.sin(50 * t))
@@ -260,12 +259,12 @@ def measure_stiff_simulation(repeats: int) -> list[Row]:
         return [[0, 1], [0, -_STIFF_FRICTION / 0.01 / np.cosh(min(abs(y[1] / 0.01), 300)) ** 2 / _STIFF_INERTIA]]
 
     def scipy_job(solver: str, tol: float) -> Job:
-        span = _STIFF_TIMES[0], _STIFF_TIMES[-1]
+        span = times[0], times[-1]
         options: dict[str, Any] = {"rtol": max(tol, 3e-14), "atol": tol, "jac": jacobian}
-        return lambda: solve_ivp(rates, span, [0.0, 1.0], solver, _STIFF_TIMES, **options).y[0]
+        return lambda: solve_ivp(rates, span, [0.0, 1.0], solver, times, **options).y[0]
 
     def hingepair_job(tol: float) -> Job:
-        return lambda: simulate(wheel, _STIFF_TIMES, start, 0.0, 1.0, hinge_torque=load, base="fixed", tol=tol).psi
+        return lambda: simulate(wheel, times, start, 0.0, 1.0, hinge_torque=load, base="fixed", tol=tol).psi
 
     truth = scipy_job("Radau", 1e-13)()
     makers: dict[str, Callable[[float], Job]] = {
@@ -273,18 +272,21 @@ def measure_stiff_simulation(repeats: int) -> list[Row]:
         RADAU_NAME: functools.partial(scipy_job, "Radau"),
         LSODA_NAME: functools.partial(scipy_job, "LSODA"),
     }
-    return _measure_at_max_error(STIFF_SIMULATION_CASE, makers, lambda psi: float(np.abs(psi - truth).max()), repeats)
+    return _measure_at_max_error(STIFF_CASE_NAME, makers, lambda psi: float(np.abs(psi - truth).max()), repeats)
 
 
 def _measure_at_max_error(
-    case: str, makers: dict[str, Callable[[float], Job]], error: Callable[[Any], float], repeats: int
+    case: str,
+    makers: dict[str, Callable[[float], Job]],
+    error_of_result: Callable[[Any], float],
+    repeats: int,
 ) -> list[Row]:
-    """Return the rows of a simulation, each at the coarsest tolerance that reaches the error MAX_SIMULATION_ERROR.
+    """Time each method at the coarsest tolerance whose error is MAX_SIMULATION_ERROR at most; return the rows.
 
     Args:
         case: name of the case.
-        makers: by the method's name, what makes its job of a tolerance.
-        error: returns the error of a job's result [rad].
+        makers: by the method's name, the function that makes its job of a tolerance.
+        error_of_result: returns the error of a job's result [rad].
         repeats: of each measurement.
     """
     jobs, errors = {}, {}
@@ -292,34 +294,34 @@ def _measure_at_max_error(
     for name, make in makers.items():
         for tol in np.logspace(-5, -13, 17):
             jobs[name] = make(float(tol))
-            errors[name] = error(jobs[name]())
+            errors[name] = error_of_result(jobs[name]())
             if errors[name] <= MAX_SIMULATION_ERROR:
                 break
     return make_rows(case, time_interleaved(jobs, repeats), errors=errors)
 
 
 def simulation_error(simulation: tuple[Array, Array], truth: tuple[Array, Array]) -> float:
-    """Return the largest difference of attitude and psi [rad]; each simulation is (quat_wxyz, psi)."""
+    """Return the largest difference of attitude and psi [rad] of two simulations, each (quat_wxyz, psi)."""
     one, other = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (simulation[0], truth[0]))
     gap = np.minimum(np.linalg.norm(one - other, axis=-1), np.linalg.norm(one + other, axis=-1))
     return float(max(2 * gap.max(), np.abs(simulation[1] - truth[1]).max()))
 
 
 def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Array, Array]]:
-    """Return a job that simulates the tumbling pair by SciPy's DOP853, which returns quat_wxyz and psi."""
+    """Return a job that simulates the tumbling pair by SciPy's DOP853; the job returns quat_wxyz and psi."""
     from scipy.integrate import solve_ivp
 
-    rates = textbook_rates(pair, lambda psi: -_SPRING_STIFFNESS * psi)
+    rates = newton_euler_rates(pair, lambda psi: -_SPRING_STIFFNESS * psi)
     start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _INITIAL_OMEGA, (1.0,)])
 
     def run() -> tuple[Array, Array]:
         """Simulate by SciPy's DOP853; return the unit quaternions (w, x, y, z) of body 1, and psi [rad]."""
         y = solve_ivp(
             rates,
-            (_SIMULATION_TIMES[0], _SIMULATION_TIMES[-1]),
+            (_SIMULATION_INSTANTS[0], _SIMULATION_INSTANTS[-1]),
             start,
             "DOP853",
-            _SIMULATION_TIMES,
+            _SIMULATION_INSTANTS,
             rtol=tol,
             atol=tol,
         ).y
@@ -328,12 +330,12 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     return run
 
 
-def textbook_rates(pair: HingePair, torque: Callable[[float], float]) -> Callable[[float, Array], Array]:
-    """Return the right-hand side of the equations of motion of Newton and Euler, as textbooks derive it.
+def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) -> Callable[[float, Array], Array]:
+    """Return the right-hand side of a pair's equations of motion, a function of time and state for ODE solvers.
 
     Args:
         pair: a pair with masses.
-        torque: the hinge torque [N m] as a function of psi.
+        hinge_torque: the hinge torque [N m] as a function of psi.
 
     Returns:
         Function of t and the state (R1, quat_wxyz, psi, v1, omega1, psi'), which returns the state's derivative.
@@ -371,7 +373,7 @@ def textbook_rates(pair: HingePair, torque: Callable[[float], float]) -> Callabl
             bias += J.T @ np.concatenate(
                 [body.mass * (drift - g), inertia @ alpha + np.cross(omega, inertia @ omega)]
             )
-        acceleration = np.linalg.solve(M, np.array([0, 0, 0, 0, 0, 0, torque(psi)]) - bias)
+        acceleration = np.linalg.solve(M, np.array([0, 0, 0, 0, 0, 0, hinge_torque(psi)]) - bias)
         quat_rate = 0.5 * np.concatenate([[-omega1 @ q], w * omega1 + np.cross(omega1, q)])
         return np.concatenate([y[8:11], quat_rate, [psid], acceleration])
 

@@ -31,62 +31,62 @@ PINOCCHIO_LOOP_NAME, PINOCCHIO_CPP_NAME, MUJOCO_NAME = (
     "MuJoCo, Python loop",
 )
 INVERSE_WORKLOAD, FORWARD_WORKLOAD = "inverse dynamics", "forward dynamics"
-MAX_LOOP_SAMPLES = 10**4
+MAX_PYTHON_LOOP_SAMPLES = 10**4
 """Samples that a Python loop over an engine computes at most, since it takes microseconds for each."""
 
 # The C++ file with the loops over a pair, and the compiler flag that adds those of dynamics.
 PAIR_LOOP_SOURCE, DYNAMICS_FLAG = "pinocchio_loop.cpp", "-DDYNAMICS"
 # Flags of the C++ compiler.
-_COMPILER_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
-_COMPILERS = ("c++", "g++", "clang++")  # the first one on the path is taken
+_CPP_COMPILER_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
+_CPP_COMPILER_NAMES = ("c++", "g++", "clang++")  # the first one on the path is taken
 # What a message says is needed for the C++ loops.
-_CPP_REQUIREMENTS = (
+_CPP_REQUIREMENTS_TEXT = (
     "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
 )
 
 
-def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge: Any) -> list[Array]:
-    """Return Pinocchio's q, v, a of a motion.
+def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any) -> list[Array]:
+    """Return Pinocchio's q, v, a of a pair's motion as a list, as many as `hinge_motion` has levels.
 
     Args:
         pair: the pair.
         body1: motion of body 1.
-        hinge: psi; psi and psi'; or psi, psi' and psi''. As many arrays are returned.
+        hinge_motion: psi; psi and psi'; or psi, psi' and psi''. As many arrays are returned.
     """
     twin = to_pinocchio(pair)
     makers: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
-    return [make(body1, *hinge[: i + 1]) for i, make in enumerate(makers[: len(hinge)])]
+    return [make(body1, *hinge_motion[: i + 1]) for i, make in enumerate(makers[: len(hinge_motion)])]
 
 
-def mujoco_coordinates(rows: Sequence[Array], *linear: Any) -> list[Array]:
-    """Return MuJoCo's coordinates from those of Pinocchio.
+def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
+    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays.
 
     MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
     Args:
-        rows: Pinocchio's q, v, a, as many as there are.
+        pinocchio_rows: Pinocchio's q, v, a, as many as there are.
         linear: the linear rates in world axes that replace the first three columns of v and a.
     """
-    q, *others = rows
+    q, *others = pinocchio_rows
     moved = [np.hstack([first, row[:, 3:]]) for first, row in zip(linear, others, strict=True)]
     return [np.ascontiguousarray(q[:, [0, 1, 2, 6, 3, 4, 5, 7]]), *moved]
 
 
-def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, dynamics: bool = False) -> Job:
-    """Return a job that calls Pinocchio in C++: `pair_loop`, or `pair_dynamics` of a pair with masses.
+def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
+    """Return a job that calls Pinocchio's C++ loop over a pair; the loop fills `results`, which the job returns.
 
     Args:
         pair: the pair.
         arguments: arguments of the C++ function after the pair; arrays are passed by address.
         results: what the job returns, the arrays that the C++ function fills.
-        dynamics: whether dynamics are computed.
+        with_dynamics: whether the loop is `pair_dynamics`, of a pair with masses; otherwise it is `pair_loop`.
     """
-    library = compile_pair_loop(dynamics=dynamics)
-    bodies: list[Any] = [pair.body1, pair.body2] if dynamics else []
+    library = compile_pair_loop(with_dynamics=with_dynamics)
+    bodies: list[Any] = [pair.body1, pair.body2] if with_dynamics else []
     masses = [np.array([getattr(one, name) for one in bodies]) for name in ("mass", "center_of_mass", "inertia")]
     constants = [*map(np.ascontiguousarray, (pair.u1, pair.u2, pair.n, pair.home)), *masses]
     handle = library.pair_new(len(bodies), *map(_address, constants))
-    loop = library.pair_dynamics if dynamics else library.pair_loop
+    loop = library.pair_dynamics if with_dynamics else library.pair_loop
     call = functools.partial(loop, handle, *map(_address, arguments))
 
     def run() -> Any:
@@ -105,28 +105,30 @@ def _address(value: Any) -> Any:
 
 
 @functools.cache
-def compile_library(source: str, *flags: str) -> Any:
-    """Compile a C++ file of this folder and load it, which takes half a minute to two minutes.
+def compile_library(source_name: str, *flags: str) -> Any:
+    """Compile a C++ file of this folder, which takes up to two minutes; return it as a cached ctypes library.
 
     Args:
-        source: name of the file.
+        source_name: name of the file.
         flags: further flags of the compiler.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
     """
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+    compiler = next(filter(None, map(shutil.which, _CPP_COMPILER_NAMES)), None)
     if compiler is None:
-        raise MissingDependencyError("--cpp", _CPP_REQUIREMENTS, f"none of {', '.join(_COMPILERS)} is on the path")
+        raise MissingDependencyError(
+            "--cpp", _CPP_REQUIREMENTS_TEXT, f"none of {', '.join(_CPP_COMPILER_NAMES)} is on the path"
+        )
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
         headers = [part for path in _header_folders() for part in ("-isystem", str(path))]
         command = [
             compiler,
-            *_COMPILER_FLAGS,
+            *_CPP_COMPILER_FLAGS,
             *flags,
             *headers,
-            str(Path(__file__).with_name(source)),
+            str(Path(__file__).with_name(source_name)),
             "-o",
             str(target),
         ]
@@ -135,40 +137,40 @@ def compile_library(source: str, *flags: str) -> Any:
         )
         if process.returncode:
             lines = [line for line in process.stderr.splitlines() if "error" in line]
-            raise MissingDependencyError("--cpp", _CPP_REQUIREMENTS, (lines or ["the compiler failed"])[0])
+            raise MissingDependencyError("--cpp", _CPP_REQUIREMENTS_TEXT, (lines or ["the compiler failed"])[0])
         return ctypes.CDLL(str(target))
 
 
-def compile_pair_loop(*, dynamics: bool = False) -> Any:
-    """Compile and load the C++ loops over a pair, with dynamics or without.
+def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
+    """Compile the C++ loops over a pair, with dynamics or without; return the ctypes library.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
     """
-    library = compile_library(PAIR_LOOP_SOURCE, *[DYNAMICS_FLAG] * dynamics)
+    library = compile_library(PAIR_LOOP_SOURCE, *[DYNAMICS_FLAG] * with_dynamics)
     pointer: Any = ctypes.c_void_p
     number: Any = ctypes.c_long
     library.pair_new.argtypes, library.pair_new.restype = [number] + [pointer] * 7, pointer
     library.pair_delete.argtypes, library.pair_delete.restype = [pointer], None
     library.pair_loop.argtypes, library.pair_loop.restype = [pointer, number] + [pointer] * 9, None
-    if dynamics:
+    if with_dynamics:
         library.pair_dynamics.argtypes = [pointer, number, number] + [pointer] * 4
         library.pair_dynamics.restype = None
     return library
 
 
-def cpp_missing_reason(requested: bool, source: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
-    """Return why the C++ loops of a file cannot be measured; None if they can.
+def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
+    """Compile a C++ file if it is requested; return why its loops cannot be measured, or None if they can.
 
     Args:
-        requested: whether the user asks for them by --cpp.
-        source: name of the file, as for `compile_library`.
+        is_requested: whether the user asks for them by --cpp.
+        source_name: name of the file, as for `compile_library`.
         flags: further flags of the compiler.
     """
-    if not requested:
+    if not is_requested:
         return "--cpp compiles and measures it"
     try:
-        compile_library(source, *flags)
+        compile_library(source_name, *flags)
     except MissingDependencyError as error:
         return str(error)
     return None

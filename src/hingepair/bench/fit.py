@@ -38,38 +38,41 @@ HINGEPAIR_FIT_NAME, CONSTRAINTS_FIT_NAME, EQUATIONS_FIT_NAME = (
     "least_squares on E1, E2",
     "least_squares on E1, E5, every psi too",
 )
-AXIS_FIT_NAME = "hingepair.fit_axis"  # name of a method
-QMT_GYROSCOPES_NAME, QMT_NAME = "qmt, gyroscopes alone", "qmt, accelerometers too"
-_RECORDINGS_COUNT = 5  # recordings of each length whose errors are averaged
+AXIS_FIT_NAME, QMT_GYROSCOPES_NAME, QMT_NAME = (
+    "hingepair.fit_axis",
+    "qmt, gyroscopes alone",
+    "qmt, accelerometers too",
+)
+_NUM_RECORDINGS_PER_SIZE = 5  # recordings of each length whose errors are averaged
 # Explains the errors below the table.
 _ERROR_NOTE = (
     "error: largest component of the errors of the hinge axis and, perpendicular to it, of the hinge point; "
-    f"root mean square of {_RECORDINGS_COUNT} recordings"
+    f"root mean square of {_NUM_RECORDINGS_PER_SIZE} recordings"
 )
 # Standard deviations of the noise of positions [m] and of rotation vectors [rad].
 POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3
 # Standard deviations of the noise of gyroscopes [rad/s] and accelerometers [m/s^2], and of the gyroscopes' biases.
 GYROSCOPE_NOISE, ACCELEROMETER_NOISE, GYROSCOPE_BIAS = 1e-2, 5e-2, 2e-2
-_GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s^2]
-_DIFFERENCE = 1e-4  # [s] between the poses whose differences are rates and accelerations
-_MAX_PEER_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
-_MAX_AXIS_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
-_SIGN_HEADING = "wrong signs"  # column: recordings of which n1 and n2 point against each other
+_GRAVITY_VECTOR = np.array([0.0, 0.0, -9.81])  # [m/s^2]
+_FINITE_DIFFERENCE_STEP = 1e-4  # [s] between the poses whose differences are rates and accelerations
+_MIN_HINGEPAIR_ONLY_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
+_MAX_GYROSCOPE_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
+_WRONG_SIGNS_COLUMN = "wrong signs"  # column: recordings of which n1 and n2 point against each other
 # Explains the signs of the axes below the table.
-_SIGN_NOTE = (
+_AXIS_SIGN_NOTE = (
     "axes from gyroscopes: the error does not count the signs of n1 and n2; "
-    f"{_SIGN_HEADING}: recordings in which the sign of n2 beside n1 is wrong"
+    f"{_WRONG_SIGNS_COLUMN}: recordings in which the sign of n2 beside n1 is wrong"
 )
 # how to install the package qmt
-_QMT_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
+_QMT_INSTALL_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
 # The hinge of every recording: n, u1, u2 and the rotation vector of home [rad].
 _TRUE_N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 _TRUE_U1, _TRUE_U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
-_TRUE_HOME = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
+_TRUE_HOME_ROTVEC = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
 
 
 class RecordedPoses(NamedTuple):
-    """The recorded poses of both bodies; positions of shape (N, 3), rotations of shape (N, 3, 3)."""
+    """Recorded poses of both bodies; positions have shape (N, 3), rotations body to world (N, 3, 3)."""
 
     R1: Array
     S1: Array
@@ -78,7 +81,7 @@ class RecordedPoses(NamedTuple):
 
 
 class InertialRecording(NamedTuple):
-    """Readings of inertial sensors on both bodies, in the axes of their bodies; shapes (N, 3)."""
+    """Readings of gyroscopes and accelerometers on both bodies, in the axes of their bodies; shapes (N, 3)."""
 
     omega1: Array  # [rad/s]
     f1: Array  # [m/s^2]
@@ -96,25 +99,25 @@ class FittedHinge(NamedTuple):
 
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
-    """Measure fits of poses, with noise alone and with outliers, and fits of the axis to gyroscopes."""
+    """Measure fits of a hinge to poses, and of its axis to gyroscopes, beside other packages; return the report."""
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
-    return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _SIGN_NOTE, *notes])
+    return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
 
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
-    """Return rows of fits to poses of several lengths, with noise alone and with outliers too."""
+    """Measure fits to poses of several lengths, with noise alone and with outliers too; return the rows."""
     rows: list[Row] = []
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
             case = f"{'30 % outliers, cauchy' if outliers else 'noise'}, N = {count:,}"
             print_progress(f"{case}: {repeats} repeats")
             recordings = [
-                make_recording(count, outliers, seed)
-                for seed in range(_RECORDINGS_COUNT if count < _MAX_PEER_SAMPLES else 1)
+                make_pose_recording(count, outliers, seed)
+                for seed in range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
             ]
             methods = {HINGEPAIR_FIT_NAME: fit_by_hingepair} | (
-                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < _MAX_PEER_SAMPLES else {}
+                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < _MIN_HINGEPAIR_ONLY_SAMPLES else {}
             )
             if count <= 10**3 and not outliers:
                 methods[EQUATIONS_FIT_NAME] = fit_by_equations
@@ -130,19 +133,19 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
 
 
 def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
-    """Return rows of fits of the axis to gyroscopes, without biases and with them, and what was left out."""
+    """Measure fits of the axis to gyroscopes; return the rows, and a sentence for each method left out."""
     methods, notes = available_methods(
         (
             Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
             for name, fit, most, package in (
-                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_AXIS_SAMPLES, ""),
-                (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MAX_PEER_SAMPLES - 1, "qmt"),
-                (QMT_NAME, axis_by_qmt, _MAX_PEER_SAMPLES - 1, "qmt"),
+                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_GYROSCOPE_SAMPLES, ""),
+                (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
+                (QMT_NAME, axis_by_qmt, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
             )
         ),
         {},
     )
-    notes += [_QMT_NOTE] if notes else []
+    notes += [_QMT_INSTALL_NOTE] if notes else []
     rows: list[Row] = []
     for count in sizes:
         available = [method for method in methods if count <= method.max_samples]
@@ -153,16 +156,16 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
     return rows, notes
 
 
-def _axis_rows(case: str, methods: Sequence[Method], count: int, bias: float, repeats: int) -> list[Row]:
-    """Return the rows of fits of the axis to gyroscopes with biases of some standard deviation [rad/s]."""
-    seeds = range(_RECORDINGS_COUNT if count < _MAX_PEER_SAMPLES else 1)
-    tasks = [(make_inertial_recording(count, bias, seed), bias) for seed in seeds]
+def _axis_rows(case: str, methods: Sequence[Method], count: int, bias_std: float, repeats: int) -> list[Row]:
+    """Measure fits of the axis to gyroscopes whose biases have a standard deviation [rad/s]; return the rows."""
+    seeds = range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
+    tasks = [(make_inertial_recording(count, bias_std, seed), bias_std) for seed in seeds]
     errors: dict[str, float] = {}
     signs: dict[str, dict[str, Any]] = {}
     for method in methods:
         sizes, are_wrong = zip(*(axis_errors(*method.make_job(task)()) for task in tasks), strict=True)
         errors[method.name] = float(np.sqrt(np.mean(np.square(sizes))))
-        signs[method.name] = {_SIGN_HEADING: f"{sum(are_wrong)} of {len(tasks)}"}
+        signs[method.name] = {_WRONG_SIGNS_COLUMN: f"{sum(are_wrong)} of {len(tasks)}"}
     return measure_methods(case, methods, lambda _: tasks[0], count, repeats, errors, signs)
 
 
@@ -173,42 +176,42 @@ def _axis_job(
 
 
 def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """Return the positions (N, 3) and the SciPy rotations of both bodies at some instants (N,)."""
+    """Return (positions (N, 3), SciPy rotations) of body 1 and of body 2 at instants t of shape (N,)."""
     from scipy.spatial.transform import Rotation
 
     psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
     first = Rotation.from_rotvec(np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
-    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_N) * Rotation.from_rotvec(_TRUE_HOME)
+    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_N) * Rotation.from_rotvec(_TRUE_HOME_ROTVEC)
     R1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
     return (R1, first), (R1 + first.apply(_TRUE_U1) - second.apply(_TRUE_U2), second)
 
 
-def make_inertial_recording(count: int, bias: float, seed: int) -> InertialRecording:
-    """Return ten seconds of gyroscopes and accelerometers at the reference points of both bodies.
+def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialRecording:
+    """Simulate `count` noisy readings of gyroscopes and accelerometers on both bodies over ten seconds.
 
     Args:
         count: samples.
-        bias: standard deviation of a component of the gyroscopes' biases [rad/s].
+        bias_std: standard deviation of a component of the gyroscopes' biases [rad/s].
         seed: of noise and biases.
     """
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, count)
-    before, now, after = (_exact_poses(t + step) for step in (-_DIFFERENCE, 0.0, _DIFFERENCE))
+    before, now, after = (_exact_poses(t + step) for step in (-_FINITE_DIFFERENCE_STEP, 0.0, _FINITE_DIFFERENCE_STEP))
     columns = []
     for body in (0, 1):
         (R_before, S_before), (R, S), (R_after, S_after) = (poses[body] for poses in (before, now, after))
-        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _DIFFERENCE)
-        acceleration = (R_after - 2 * R + R_before) / _DIFFERENCE**2
-        columns += [omega + bias * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY)]
+        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _FINITE_DIFFERENCE_STEP)
+        acceleration = (R_after - 2 * R + R_before) / _FINITE_DIFFERENCE_STEP**2
+        columns += [omega + bias_std * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY_VECTOR)]
     noise = rng.standard_normal((4, count, 3))
     sizes = (GYROSCOPE_NOISE, ACCELEROMETER_NOISE) * 2
     return InertialRecording(*(c + size * w for c, size, w in zip(columns, sizes, noise, strict=True)))
 
 
-def axis_by_hingepair(recording: InertialRecording, bias: float) -> tuple[Array, Array]:
+def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
     """Fit the axis by `hingepair.fit_axis`, which is told how large biases usually are."""
-    found = fit_axis(recording.omega1, recording.omega2, bias)
-    return found.n1, found.n2
+    axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
+    return axis_fit.n1, axis_fit.n2
 
 
 def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
@@ -222,7 +225,7 @@ def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Estimate the hinge axis by qmt (Olsson et al.) in the axes of both bodies; shape (3,) each."""
+    """Return n1 and n2, the hinge axis in the axes of body 1 and body 2, as qmt estimates it; shape (3,) each."""
     import qmt
 
     omega1, f1, omega2, f2 = recording
@@ -239,12 +242,12 @@ def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
     return float(np.abs(np.concatenate(parts)).max()), signs[0] != signs[1]
 
 
-def make_recording(count: int, outliers: float, seed: int) -> RecordedPoses:
-    """Return ten seconds of noisy poses of two bodies.
+def make_pose_recording(count: int, outlier_fraction: float, seed: int) -> RecordedPoses:
+    """Simulate `count` noisy poses of both bodies over ten seconds; some poses of body 2 are wrong.
 
     Args:
         count: samples.
-        outliers: fraction of the samples of body 2 that are wrong.
+        outlier_fraction: fraction of the samples of body 2 that are wrong.
         seed: of the noise.
     """
     from scipy.spatial.transform import Rotation
@@ -254,7 +257,7 @@ def make_recording(count: int, outliers: float, seed: int) -> RecordedPoses:
     (R1, first), (R2, second) = _exact_poses(t)
     noise = rng.standard_normal((4, count, 3))
     first, second = (S * Rotation.from_rotvec(ANGLE_NOISE * w) for S, w in ((first, noise[0]), (second, noise[1])))
-    is_outlier = rng.random(count) < outliers
+    is_outlier = rng.random(count) < outlier_fraction
     R2 = R2 + POSITION_NOISE * noise[3] + np.where(is_outlier[:, None], rng.standard_normal((count, 3)), 0.0)
     S2 = second.as_matrix()
     wrong_vectors = 3 * rng.standard_normal((int(is_outlier.sum()), 3))
@@ -275,7 +278,7 @@ def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Fit the hinge by SciPy to the constraints S1 n = S2 (home^T n) and E1, from a start that is about 0.2 off."""
+    """Fit the hinge by SciPy to E1 and S1 n = S2 (home^T n), from a start that is about 0.2 off."""
     from scipy.optimize import least_squares
 
     Q, p = relative_poses(poses)
@@ -302,17 +305,17 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
     count = len(p)
 
     def residuals(x: Array) -> Array:
-        """Return what remains of E1 and E5 at every sample, and of the constraints on the unknowns."""
+        """Return the residuals of E1 and E5 at every sample, and those of the constraints on the unknowns."""
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)
-        return np.append(rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME @ _TRUE_N))
+        return np.append(rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME_ROTVEC @ _TRUE_N))
 
     sparsity = lil_matrix((12 * count + 3, 12 + count), dtype=int)
     sparsity[:, :12] = 1
     for i in range(count):
         sparsity[12 * i : 12 * i + 9, 12 + i] = 1
-    start = np.concatenate((_TRUE_N, _TRUE_HOME, _TRUE_U1 - (_TRUE_U1 @ _TRUE_N) * _TRUE_N, _TRUE_U2))
+    start = np.concatenate((_TRUE_N, _TRUE_HOME_ROTVEC, _TRUE_U1 - (_TRUE_U1 @ _TRUE_N) * _TRUE_N, _TRUE_U2))
     start += 0.2 * np.random.default_rng(0).standard_normal(12)
     psi = Rotation.from_matrix(Q).as_rotvec() @ start[:3]
     x: Any = least_squares(residuals, np.concatenate((start, psi)), jac_sparsity=sparsity, loss=loss).x
@@ -324,13 +327,13 @@ def true_hinge() -> FittedHinge:
     """Return the hinge that all recordings are made with; its point is the one closest to R1."""
     from scipy.spatial.transform import Rotation
 
-    n_body2 = Rotation.from_rotvec(_TRUE_HOME).inv().apply(_TRUE_N)
+    n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_N)
     along = _TRUE_U1 @ _TRUE_N
     return FittedHinge(_TRUE_N, n_body2, _TRUE_U1 - along * _TRUE_N, _TRUE_U2 - along * n_body2)
 
 
 def hinge_error(fitted: FittedHinge) -> float:
-    """Return the largest component of the errors of the axes and of the perpendicular errors of the points."""
+    """Return the largest component of the errors of both axes, and of both points perpendicular to the axis."""
     truth = true_hinge()
     sign = np.sign(fitted.n @ truth.n)
     perpendicular = [np.eye(3) - np.outer(axis, axis) for axis in (truth.n, truth.n_body2)]

@@ -25,19 +25,21 @@ Array = NDArray[np.float64]
 ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
 STEP_COLUMN: Final = "h [s]"  # heading of a column
 ORDER_COLUMN: Final = "order"  # heading of a column
-LONG_RUN_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
+LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
 STOP_TIME: Final = 10.0  # end of the motion [s]
-COMPARED_INSTANTS: Final = 25  # evenly spread instants at which errors are computed; each method's steps include them
+NUM_COMPARED_INSTANTS: Final = (
+    25  # evenly spread instants at which errors are computed; each method's steps include them
+)
 TARGET_ERROR: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
-_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
+_EXACT_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
 # The pair that is integrated; its hinge does not turn.
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 # Methods of hingepair.
-_HINGEPAIR_METHODS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
-_STEP_COUNTS = tuple(COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))  # of hingepair's methods
-_SCIPY_SOLVERS = ("DOP853", "RK45", "LSODA")  # names for solve_ivp
+_HINGEPAIR_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
+_STEP_COUNTS = tuple(NUM_COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))  # of hingepair's methods
+_SCIPY_SOLVER_NAMES = ("DOP853", "RK45", "LSODA")  # names for solve_ivp
 _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and atol of SciPy's solvers
 
 
@@ -68,7 +70,7 @@ class RotationCase(NamedTuple):
     def exact_attitudes(self, t: Array) -> list[Any]:
         """Return the attitudes at times t to 50 digits: Q times rotations about x, y and z by 3t, t and 5t."""
         x, y, z = np.eye(3).tolist()
-        with mpmath.workdps(_ATTITUDE_DIGITS):
+        with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
             Q, times = rotation_of_quaternion(self.quat), [mpmath.mpf(s) for s in t.tolist()]
             return [
                 Q * rotation_about_axis(x, 3 * s) * rotation_about_axis(y, s) * rotation_about_axis(z, 5 * s)
@@ -79,7 +81,7 @@ class RotationCase(NamedTuple):
         """Return the largest angle between quaternions (w, x, y, z) and exact attitudes [rad]; inf if not finite."""
         if not np.isfinite(quats).all():
             return math.inf
-        with mpmath.workdps(_ATTITUDE_DIGITS):
+        with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
             worst = mpmath.mpf(0)
             for quat, truth in zip(quats.tolist(), exact, strict=True):
                 difference = rotation_of_quaternion([mpmath.mpf(c) for c in quat]).T * truth
@@ -92,38 +94,39 @@ class RotationCase(NamedTuple):
 ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("turned", (6, 1, -1, 1)))
 
 
-def make_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
-    """Return jobs that compute quaternions (w, x, y, z) by each method, with their steps [s]; None of variable steps.
+def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
+    """Return by label (job, step [s]) of each method; a job computes quaternions (w, x, y, z) of a motion.
 
-    Methods of hingepair with each number of steps come first, SciPy's with each tolerance follow.
+    Methods of hingepair with each number of steps come first. SciPy's solvers with each tolerance follow; their steps
+    vary, for which None stands.
     """
     jobs: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_HINGEPAIR_METHODS, _STEP_COUNTS):
+    for method, steps in itertools.product(_HINGEPAIR_METHOD_NAMES, _STEP_COUNTS):
         jobs[f"{method}, {steps} steps"] = (
             functools.partial(_integrate_by_hingepair, method, motion, steps),
             STOP_TIME / steps,
         )
-    for solver, tol in itertools.product(_SCIPY_SOLVERS if find_spec("scipy") else (), _SCIPY_TOLERANCES):
+    for solver, tol in itertools.product(_SCIPY_SOLVER_NAMES if find_spec("scipy") else (), _SCIPY_TOLERANCES):
         jobs[f"SciPy {solver}, {tol:g}"] = functools.partial(_integrate_by_scipy, solver, motion, tol), None
     return jobs
 
 
-def measure_integration(repeats: int, steps: int) -> Report:
-    """Measure all methods with all steps and tolerances on all motions, and a long run unless `steps` is 0."""
+def measure_integration(repeats: int, long_run_steps: int) -> Report:
+    """Measure all methods on all motions, and a long run unless its number of steps is 0; return the report."""
     rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
-    more = make_target_rows(rows) + (measure_long_run(steps, min(repeats, 3)) if steps else [])
+    more = make_target_rows(rows) + (measure_long_run(long_run_steps, min(repeats, 3)) if long_run_steps else [])
     notes = ["left out: numbers of steps with which a method meets gimbal lock"]
     return Report([*rows, *more], ERROR_LABEL, notes, make_convergence_panels(rows))
 
 
 def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
-    """Measure all methods with all steps and tolerances on one motion."""
-    exact = motion.exact_attitudes(np.linspace(0, STOP_TIME, COMPARED_INSTANTS + 1))
+    """Measure all methods with all numbers of steps and tolerances on one motion; return the rows."""
+    exact = motion.exact_attitudes(np.linspace(0, STOP_TIME, NUM_COMPARED_INSTANTS + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
     more: dict[str, dict[str, float | None]] = {}
     before: dict[str, tuple[float, float]] = {}
-    for label, (job, step) in make_runs(motion).items():
+    for label, (job, step) in make_integration_runs(motion).items():
         try:
             errors[label] = error = motion.largest_error(job(), exact)
         except GimbalLockError:
@@ -137,15 +140,15 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
     return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, more)
 
 
-def _observed_order(before: tuple[float, float] | None, current: tuple[float, float]) -> float | None:
-    """Return the order of convergence between two runs (h, error); None if the errors are those of rounding."""
-    if before is None or min(before[1], current[1]) <= 1e-14:
+def _observed_order(previous_run: tuple[float, float] | None, current_run: tuple[float, float]) -> float | None:
+    """Return the order of convergence between two runs (step, error); None if an error is only rounding."""
+    if previous_run is None or min(previous_run[1], current_run[1]) <= 1e-14:
         return None
-    return math.log(before[1] / current[1]) / math.log(before[0] / current[0])
+    return math.log(previous_run[1] / current_run[1]) / math.log(previous_run[0] / current_run[0])
 
 
 def measure_long_run(steps: int, repeats: int) -> list[Row]:
-    """Measure `magnus6` with many steps, where omega is computed before: the time for a step and the final error."""
+    """Measure `magnus6` with many steps, where omega is computed before the timing; return the rows."""
     rows = []
     for motion in ROTATION_CASES:
         print_progress(f"{motion.name}: {steps:,} steps")
@@ -154,7 +157,10 @@ def measure_long_run(steps: int, repeats: int) -> list[Row]:
         compared = np.unique(np.linspace(1, steps, 100).astype(int))
         error = motion.largest_error(job().quat_wxyz[compared], motion.exact_attitudes(t[compared]))
         rows += make_rows(
-            _long_case_name(motion), time_interleaved({LONG_RUN_NAME: job}, repeats), steps, {LONG_RUN_NAME: error}
+            _long_case_name(motion),
+            time_interleaved({LONG_RUN_METHOD_NAME: job}, repeats),
+            steps,
+            {LONG_RUN_METHOD_NAME: error},
         )
     return rows
 
@@ -165,7 +171,7 @@ def _long_case_name(motion: RotationCase) -> str:
 
 
 def _long_run_job(motion: RotationCase, t: Array) -> Job:
-    """Return the job of the long run; its first call stores the values of omega, which later calls read."""
+    """Return the job of the long run; its first call caches the values of omega, which later calls read."""
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
@@ -184,7 +190,7 @@ def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Ar
     trajectory = integrate_pair(
         _INTEGRATED_PAIR, t, motion.omega, 0.0, S1_0=motion.initial_attitude(), method=method, outputs=()
     )
-    return trajectory.quat_wxyz[:: steps // COMPARED_INSTANTS]
+    return trajectory.quat_wxyz[:: steps // NUM_COMPARED_INSTANTS]
 
 
 def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
@@ -208,7 +214,7 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
         return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
 
     initial_quat = np.array(motion.quat) / math.sqrt(size)
-    instants = np.linspace(0, STOP_TIME, COMPARED_INSTANTS + 1)
+    instants = np.linspace(0, STOP_TIME, NUM_COMPARED_INSTANTS + 1)
     solution = solve_ivp(
         rate, (0, STOP_TIME), initial_quat, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol
     )
@@ -221,7 +227,7 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return the run time of each method at the error TARGET_ERROR [s], interpolated; a method above it has none."""
+    """Return the run time [s] at TARGET_ERROR by method, interpolated; methods that do not reach it are left out."""
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
         points = [
@@ -236,7 +242,7 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of run times at the error TARGET_ERROR."""
+    """Return table rows of the run times at TARGET_ERROR, interpolated between measured rows."""
     target_rows = []
     for motion in ROTATION_CASES:
         times = times_to_target_error(rows, motion.name)
@@ -247,7 +253,7 @@ def make_target_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
-    """Return the panels of the picture: error against step and against run time, a row for each motion."""
+    """Return the picture's panels, a row for each motion: error against step, and against run time."""
     return [
         [
             Panel(
@@ -264,7 +270,7 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
 
 
 def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
-    """Return the curves of errors against a column of a case, or against the run time [ms] for None."""
+    """Return a case's curves of error against a column of `Row.more`, or against run time [ms] for None."""
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         x = row.min_seconds * 1e3 if column is None else row.more.get(column)

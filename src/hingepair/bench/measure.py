@@ -29,17 +29,27 @@ if TYPE_CHECKING:
 Job: TypeAlias = Callable[[], Any]
 """A call that is timed; it returns what the method computes."""
 
-_REPORTED_PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")  # their versions are shown
+_REPORTED_PACKAGE_NAMES = (
+    "hingepair",
+    "numpy",
+    "llvmlite",
+    "pin",
+    "mujoco",
+    "scipy",
+    "jax",
+)  # their versions are shown
 _MIN_REPEAT_SECONDS = 2e-3  # [s]; a faster job is called several times in each repeat
-_MAX_WARMED_SECONDS = 0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
-_POLL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
-_MIN_IDLE_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
-_MAX_POLLS = 10_000  # polls after which a job is timed although other threads are busy
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], the largest first
+_MAX_WARMED_UP_JOB_SECONDS = (
+    0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
+)
+_THREAD_POLL_INTERVAL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
+_MIN_IDLE_THREAD_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
+_MAX_THREAD_POLLS = 10_000  # polls after which a job is timed although other threads are busy
+_SECONDS_BY_TIME_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], the largest first
 
 
 class Method(NamedTuple):
-    """A method of computing a case: a call of this library, or another library that a user could take instead."""
+    """A method under test: its name, the function that makes its job of a task, and the batch sizes that it takes."""
 
     name: str
     # Returns the job of a task. Whatever can be set up once is set up before the job is timed; the results that a
@@ -51,19 +61,22 @@ class Method(NamedTuple):
     in_picture: bool = True  # whether the picture shows the method
 
 
-def available_methods(methods: Iterable[Method], reasons: Mapping[str, str | None]) -> tuple[list[Method], list[str]]:
-    """Return the methods that can be measured here, and a sentence for each that cannot.
+def available_methods(
+    methods: Iterable[Method], exclusion_reasons: Mapping[str, str | None]
+) -> tuple[list[Method], list[str]]:
+    """Return the methods whose package is installed and that nothing excludes, and a sentence for each other one.
 
     Args:
         methods: all methods.
-        reasons: why a method cannot be measured, by its name; None for no reason. Missing packages are detected here.
+        exclusion_reasons: why a method cannot be measured, by its name; None for no reason. A missing package is
+            detected here.
     """
     available, missing = [], []
     for method in methods:
         absent = (
             f"{method.package} is not installed" if method.package and find_spec(method.package) is None else None
         )
-        if reason := absent or reasons.get(method.name):
+        if reason := absent or exclusion_reasons.get(method.name):
             missing.append(f"left out: {method.name} ({reason})")
         else:
             available.append(method)
@@ -72,7 +85,7 @@ def available_methods(methods: Iterable[Method], reasons: Mapping[str, str | Non
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The measurements of one method on one case."""
+    """A row of a report's table: run times and error of one method on one case."""
 
     case: str  # what all methods of the case compute
     method: str  # name of the method
@@ -92,7 +105,7 @@ class Row:
 
 
 class Report(NamedTuple):
-    """The results of a benchmark."""
+    """The result of a benchmark: the rows of its table, the notes below it, and the panels of its picture."""
 
     rows: Sequence[Row]  # the rows of a case stand together
     error_label: str = ""  # heading of the column of errors, with their unit
@@ -100,7 +113,7 @@ class Report(NamedTuple):
     panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
     def table(self, width: int | None = None) -> list[str]:
-        """Return the lines of the table: a block of rows for each case.
+        """Return the table as lines of text, of at most `width` characters each: a block of rows for each case.
 
         Args:
             width: of a line [characters]; None for lines of any length.
@@ -137,9 +150,9 @@ def measure_methods(
     size: int,
     repeats: int,
     errors: Mapping[str, float] | None = None,
-    more: Mapping[str, Mapping[str, Any]] | None = None,
+    extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Measure the methods of a case that apply to a batch size, and return their rows.
+    """Time the jobs of a case's methods that take this batch size, in alternation; return their rows.
 
     Args:
         case: name of the case.
@@ -148,42 +161,42 @@ def measure_methods(
         size: samples of the batch; a method gets `max_samples` of them at most.
         repeats: of each measurement.
         errors: largest errors, by the method's name.
-        more: further columns, by the method's name.
+        extra_columns: further columns, by the method's name and the column's heading.
     """
     sample_counts = {method: min(size, method.max_samples) for method in methods if method.min_samples <= size}
     jobs = {method.name: method.make_job(make_task(count)) for method, count in sample_counts.items()}
     counts = {method.name: count for method, count in sample_counts.items()}
-    return make_rows(case, time_interleaved(jobs, repeats), counts, errors, more)
+    return make_rows(case, time_interleaved(jobs, repeats), counts, errors, extra_columns)
 
 
 def make_rows(
     case: str,
-    times: Mapping[str, Sequence[float]],
+    repeat_seconds: Mapping[str, Sequence[float]],
     counts: int | Mapping[str, int] = 1,
     errors: Mapping[str, float] | None = None,
-    more: Mapping[str, Mapping[str, Any]] | None = None,
+    extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Return the rows of a case.
+    """Return the table rows of a case, computed from the run times of its methods in each repeat.
 
     Args:
         case: name of the case.
-        times: time of a call in each repeat [s], by the method's name; ratios refer to the first method.
+        repeat_seconds: time of a call in each repeat [s], by the method's name; ratios refer to the first method.
         counts: samples of a call: one number, or numbers by the method's name.
         errors: largest errors, by the method's name.
-        more: further columns, by the method's name.
+        extra_columns: further columns, by the method's name and the column's heading.
     """
-    sample_counts = {name: counts if isinstance(counts, int) else counts[name] for name in times}
-    first, rows = next(iter(times), ""), []
-    for name, seconds in times.items():
+    sample_counts = {name: counts if isinstance(counts, int) else counts[name] for name in repeat_seconds}
+    first, rows = next(iter(repeat_seconds), ""), []
+    for name, seconds in repeat_seconds.items():
         scale = sample_counts[first] / sample_counts[name]
-        ratio = median(scale * t / base for t, base in zip(seconds, times[first], strict=True))
-        extra = (errors or {}).get(name), (more or {}).get(name, {})
+        ratio = median(scale * t / base for t, base in zip(seconds, repeat_seconds[first], strict=True))
+        extra = (errors or {}).get(name), (extra_columns or {}).get(name, {})
         rows.append(Row(case, name, sample_counts[name], median(seconds), min(seconds), ratio, *extra))
     return rows
 
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Return the time of a call in each repeat [s], by the job's name.
+    """Run all jobs in turn, several times; return the time of a call in each repeat [s], by the job's name.
 
     Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
     timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays
@@ -200,7 +213,7 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
     for _ in range(repeats):
         for name, job in jobs.items():
             wait_for_other_threads()
-            if once[name] < _MAX_WARMED_SECONDS:
+            if once[name] < _MAX_WARMED_UP_JOB_SECONDS:
                 job()
             calls = max(1, int(_MIN_REPEAT_SECONDS / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)
@@ -208,16 +221,16 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
 
 
 def wait_for_other_threads() -> None:
-    """Wait until no other thread of this process runs or waits for a page of memory, or for ten seconds.
+    """Wait until no other thread of this process runs or waits for a memory page, for at most ten seconds.
 
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """
     idle_polls = 0
-    for _ in range(_MAX_POLLS):
+    for _ in range(_MAX_THREAD_POLLS):
         idle_polls = 0 if _other_threads_run() else idle_polls + 1
-        if idle_polls == _MIN_IDLE_POLLS:
+        if idle_polls == _MIN_IDLE_THREAD_POLLS:
             return
-        time.sleep(_POLL_SECONDS)
+        time.sleep(_THREAD_POLL_INTERVAL_SECONDS)
 
 
 def _other_threads_run() -> bool:
@@ -249,8 +262,8 @@ def format_duration(seconds: float) -> str:
     >>> format_duration(1.234e-8), format_duration(0.25)
     ('12.3 ns', '250 ms')
     """
-    unit = next((unit for unit, size in _TIME_UNITS.items() if seconds >= size), "ns")
-    return f"{format_number(seconds / _TIME_UNITS[unit])} {unit}"
+    unit = next((unit for unit, size in _SECONDS_BY_TIME_UNIT.items() if seconds >= size), "ns")
+    return f"{format_number(seconds / _SECONDS_BY_TIME_UNIT[unit])} {unit}"
 
 
 def case_name(description: str, size: int) -> str:
@@ -259,13 +272,13 @@ def case_name(description: str, size: int) -> str:
 
 
 def machine_facts() -> dict[str, Any]:
-    """Return the processor, the system and the versions of packages, which belong to a measurement."""
+    """Return a dictionary of the processor, the system and the versions of packages, to print with a measurement."""
     processor = platform.processor()
     with suppress(OSError, StopIteration), open("/proc/cpuinfo", encoding="utf-8") as lines:
         processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     facts = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
     facts |= {"system": platform.system(), "python": platform.python_version()}
-    for name in _REPORTED_PACKAGES:
+    for name in _REPORTED_PACKAGE_NAMES:
         with suppress(PackageNotFoundError):
             facts[name] = version(name)
     return facts

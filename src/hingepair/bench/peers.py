@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.engines import (
-    MAX_LOOP_SAMPLES,
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
@@ -35,8 +35,8 @@ Array: TypeAlias = NDArray[Any]
 OutputArrays: TypeAlias = dict[str, Array]
 
 # The outputs that are computed, by the level of the motion.
-LEVEL_OUTPUTS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
-LEVEL_OUTPUTS["acceleration"] = (*LEVEL_OUTPUTS["velocity"], "a2", "alpha2")
+OUTPUTS_BY_LEVEL = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
+OUTPUTS_BY_LEVEL["acceleration"] = (*OUTPUTS_BY_LEVEL["velocity"], "a2", "alpha2")
 
 BENCH_PAIR_CONSTANTS: dict[str, Any] = {
     "u1": [0.5, 0.2, 0.1],
@@ -48,7 +48,7 @@ BENCH_PAIR_CONSTANTS: dict[str, Any] = {
 
 
 class KinematicsTask(NamedTuple):
-    """A batch of states of which every method computes the motion of body 2."""
+    """A batch of states whose motion of body 2 every method computes, and buffers for its outputs."""
 
     pair: HingePair
     motion: MotionArrays
@@ -66,24 +66,24 @@ class KinematicsTask(NamedTuple):
 
 
 def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[str, ...]) -> KinematicsTask:
-    """Return a task with output buffers, every memory page of which has been written to."""
+    """Return a task whose output buffers are allocated and touched, so that no page fault is timed."""
     samples = len(motion[0])
     return KinematicsTask(
         pair, motion, {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs}
     )
 
 
-def hingepair_job_maker(*, fresh: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
-    """Return a function that makes jobs of `pair.forward_kinematics`.
+def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
+    """Return a function that makes the job of a task: a call of `pair.forward_kinematics` with given options.
 
     Args:
-        fresh: whether the outputs are new arrays; otherwise they are the buffers of the task.
+        allocates_outputs: whether the outputs are new arrays; otherwise they are the buffers of the task.
         options: further options of `forward_kinematics`.
     """
 
     def make(task: KinematicsTask) -> Job:
         call, arguments, names = task.pair.forward_kinematics, task.arguments, tuple(task.buffers)
-        out, read = None if arguments[0].ndim == 1 or fresh else task.buffers, attrgetter(*names)
+        out, read = None if arguments[0].ndim == 1 or allocates_outputs else task.buffers, attrgetter(*names)
         return lambda: read(call(*arguments, outputs=names, out=out, **options))
 
     return make
@@ -92,7 +92,7 @@ def hingepair_job_maker(*, fresh: bool = False, **options: Any) -> Callable[[Kin
 def prepared_kinematics_job(task: KinematicsTask) -> Job:
     """Return a job that calls the result of `pair.prepare` with one state or a batch; the outputs are new arrays."""
     arguments, names = task.arguments, tuple(task.buffers)
-    call, read = task.pair.prepare(list(LEVEL_OUTPUTS)[len(arguments) - 1], outputs=names), attrgetter(*names)
+    call, read = task.pair.prepare(list(OUTPUTS_BY_LEVEL)[len(arguments) - 1], outputs=names), attrgetter(*names)
     return lambda: read(call(*arguments))
 
 
@@ -114,7 +114,7 @@ def fresh_copy_job(task: KinematicsTask) -> Job:
 
 
 def _pinocchio_inputs(task: KinematicsTask) -> list[Array]:
-    """Return Pinocchio's q, v, a for the levels of the motion."""
+    """Return the task's motion as Pinocchio's q, v, a: a list of one to three arrays."""
     names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(task.motion)]
     state = task.pair.forward_kinematics(*task.motion, outputs=names, backend="numpy")
     quantities: Any = {name[:-1]: getattr(state, name) for name in names}
@@ -134,7 +134,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
     level, world = len(inputs), pin.LOCAL_WORLD_ALIGNED
 
     def read(*rows: Array) -> OutputArrays:
-        """Compute the outputs of body 2 for one sample by Pinocchio."""
+        """Compute the outputs of body 2 for one sample by Pinocchio; return them by name."""
         pin.forwardKinematics(model, data, *rows)
         placement = pin.updateFramePlacement(model, data, frame)
         outputs = {"R2": placement.translation, "S2": placement.rotation}
@@ -151,7 +151,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
         return lambda: read(*first)
 
     def run() -> OutputArrays:
-        """Compute the outputs of body 2 for every sample by Pinocchio, one sample at a time."""
+        """Compute body 2 by Pinocchio, one sample at a time; return the task's buffers, filled."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for name, value in read(*rows).items():
                 buffers[name][i] = value
@@ -163,12 +163,12 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
 def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
     """Return a job that calls Pinocchio in a C++ loop, with the inputs and outputs of the Python loop."""
     rows = [*_pinocchio_inputs(task), None, None][:3]
-    outputs = [task.buffers.get(name) for name in LEVEL_OUTPUTS["acceleration"]]
+    outputs = [task.buffers.get(name) for name in OUTPUTS_BY_LEVEL["acceleration"]]
     return make_cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.buffers)
 
 
 def mujoco_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that loops over the samples in Python and calls those stages of MuJoCo that the level needs."""
+    """Return a job that loops over the samples in Python and calls the stages of MuJoCo that the outputs need."""
     import mujoco as mj
 
     inputs, buffers = mujoco_coordinates(_pinocchio_inputs(task), *(c[:, :3] for c in task.motion[1:])), task.buffers
@@ -181,7 +181,7 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
     angular, linear = six[:3, 0], six[3:, 0]
 
     def run() -> OutputArrays:
-        """Compute the outputs of body 2 for every sample by MuJoCo, one sample at a time."""
+        """Compute body 2 by MuJoCo, one sample at a time; return the task's buffers, filled."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for target, source in zip(targets, rows, strict=False):
                 target[:] = source
@@ -244,7 +244,7 @@ def jax_job(task: KinematicsTask) -> Job:
 
 
 def _stacked_attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
-    """Return S1 and S2, shape (N, 3, 3), as a user of NumPy would compute them.
+    """Return S1 and S2, shape (N, 3, 3) each, computed by whole-array operations as a user of NumPy would.
 
     Args:
         xp: the array library, numpy or jax.numpy.
@@ -258,11 +258,11 @@ def _stacked_attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
     return S1, S1 @ (np.eye(3) + s * K + (1 - c) * (K @ K)) @ pair.home
 
 
-def _stacked_rotation(xp: Any, axis: int, angle: Any) -> Any:
-    """Return rotation matrices about a coordinate axis; shape (N, 3, 3)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
+def _stacked_rotation(xp: Any, axis_index: int, angle: Any) -> Any:
+    """Return rotation matrices about the axis x, y or z (index 0, 1 or 2) by the array library `xp`; (N, 3, 3)."""
+    i, j = (axis_index + 1) % 3, (axis_index + 2) % 3
     rows: list[list[Any]] = [[xp.zeros_like(angle)] * 3 for _ in range(3)]
-    rows[axis][axis] = xp.ones_like(angle)
+    rows[axis_index][axis_index] = xp.ones_like(angle)
     rows[i][i] = rows[j][j] = xp.cos(angle)
     rows[j][i] = xp.sin(angle)
     rows[i][j] = -rows[j][i]
@@ -270,7 +270,7 @@ def _stacked_rotation(xp: Any, axis: int, angle: Any) -> Any:
 
 
 def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> OutputArrays:
-    """Return the motion of body 2, by name, from attitudes of shape (N, 3, 3)."""
+    """Return R2, S2, v2, omega2, a2, alpha2, as far as the motion goes, by name; S1, S2 have shape (N, 3, 3)."""
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
     outputs = {"R2": q[:, :3] + r1 - r2, "S2": S2}
@@ -312,7 +312,7 @@ def _restrict_to_one_core() -> Iterator[None]:
 
 
 def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
-    """Return a job that computes body 2, its Jacobian and bias of one state, as a controller needs them.
+    """Return a job that computes a control cycle: the motion of body 2, its Jacobian and its bias, of one state.
 
     Args:
         pair: the pair.
@@ -336,7 +336,7 @@ def pinocchio_cycle_job(
     q, rates, zeros = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
 
     def run() -> Any:
-        """Compute the pose, twist, Jacobian and acceleration bias of a robot's frame for one state by Pinocchio."""
+        """Return pose, twist, Jacobian and acceleration bias of body 2 for one state, computed by Pinocchio."""
         pin.forwardKinematics(model, data, q, rates, zeros)
         placement = pin.updateFramePlacement(model, data, frame)
         twist = pin.getFrameVelocity(model, data, frame, world)
@@ -362,12 +362,14 @@ HINGEPAIR_NAME, FRESH_NAME, PREPARED_NAME, NUMPY_NAME = (
 KINEMATICS_METHODS = (
     Method(HINGEPAIR_NAME, hingepair_job_maker(backend="compiled")),
     Method(PREPARED_NAME, prepared_kinematics_job, in_picture=False),
-    Method(FRESH_NAME, hingepair_job_maker(fresh=True, backend="compiled"), min_samples=2, in_picture=False),
+    Method(
+        FRESH_NAME, hingepair_job_maker(allocates_outputs=True, backend="compiled"), min_samples=2, in_picture=False
+    ),
     Method("hingepair, 2 workers", hingepair_job_maker(workers=2, backend="compiled"), min_samples=10**5),
     Method(NUMPY_NAME, hingepair_job_maker(backend="numpy")),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_kinematics_job, max_samples=10**6, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
     Method("JAX, compiled, one core", jax_job, package="jax"),
     Method("SciPy Rotation + NumPy", scipy_rotation_job, max_samples=10**5, package="scipy"),
     Method("NumPy, stacks of 3x3", numpy_stacks_job, max_samples=10**5),

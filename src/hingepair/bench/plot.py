@@ -11,13 +11,11 @@ from hingepair.errors import MissingDependencyError
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito; grey in place of yellow).
 _CURVE_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
-_DOTS_PER_INCH = 150  # resolution of a PNG
-_PALETTE_SIZE = 256  # colours of a PNG: those of the curves, and the shades of their edges
 _CURVE_MARKERS = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-white print can tell them apart
 
 
 class MethodCurve(NamedTuple):
-    """The curve of one method in a panel."""
+    """The curve of one method in a panel: the name for the legend, and points (x, y)."""
 
     name: str  # of the method, in the legend
     points: list[tuple[float, float]]  # (x, y)
@@ -25,7 +23,7 @@ class MethodCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram: its axes and its curves; x is logarithmic."""
+    """One diagram of a benchmark's picture: its title, axes and curves; x is logarithmic."""
 
     title: str
     x_label: str
@@ -39,21 +37,21 @@ class Panel(NamedTuple):
     x_range: tuple[float, float] | None = None  # limits of x; those of the points if None
 
 
-def draw_panels(rows: Sequence[Sequence[Panel]]) -> Any:
-    """Return a Matplotlib figure of rows of panels, with the names of all curves in one legend below.
+def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
+    """Draw rows of panels, with all methods in one legend below; return the Matplotlib figure.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
     """
-    figure = new_figure((4.1 * len(rows[0]) + 0.4, 3.4 * len(rows) + 0.8))
-    names = list(dict.fromkeys(c.name for panels in rows for panel in panels for c in panel.curves))
+    figure = new_figure((4.1 * len(panel_rows[0]) + 0.4, 3.4 * len(panel_rows) + 0.8))
+    names = list(dict.fromkeys(c.name for panels in panel_rows for panel in panels for c in panel.curves))
     styles = {
         name: (_CURVE_COLOURS[i % len(_CURVE_COLOURS)], _CURVE_MARKERS[i % len(_CURVE_MARKERS)])
         for i, name in enumerate(names)
     }
-    axes_grid = figure.subplots(len(rows), len(rows[0]), squeeze=False)
+    axes_grid = figure.subplots(len(panel_rows), len(panel_rows[0]), squeeze=False)
     legend: dict[str, Any] = {}
-    for panels, axes_row in zip(rows, axes_grid, strict=True):
+    for panels, axes_row in zip(panel_rows, axes_grid, strict=True):
         for panel, axes in zip(panels, axes_row, strict=True):
             _draw_panel(axes, panel, styles)
             if panel.y_names and panel is not panels[0] and panel.y_names == panels[0].y_names:
@@ -67,31 +65,32 @@ def draw_panels(rows: Sequence[Sequence[Panel]]) -> Any:
     return figure
 
 
-def write_picture(rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
-    """Draw rows of panels and write the picture to a file.
+def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
+    """Draw rows of panels and write the picture to an open binary file, as PNG, SVG or PDF.
 
     Args:
-        rows: the panels, row by row.
+        panel_rows: the panels, row by row.
         file: open for writing bytes.
         file_format: "png", "svg" or "pdf". A PNG has a palette, which takes a third of the bytes.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
     """
-    figure = draw_panels(rows)
+    figure = draw_panels(panel_rows)
     if file_format != "png":
         figure.savefig(file, format=file_format)
         return
     from PIL import Image  # Matplotlib depends on it
 
     pixels = io.BytesIO()
-    figure.savefig(pixels, format="png", dpi=_DOTS_PER_INCH)
-    picture = Image.open(pixels).convert("RGB").quantize(_PALETTE_SIZE)
+    figure.savefig(pixels, format="png", dpi=150)
+    # a palette of 256 colours: those of the curves, and the shades of their edges
+    picture = Image.open(pixels).convert("RGB").quantize(256)
     picture.save(file, format="png", optimize=True)
 
 
-def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
-    """Draw the curves of a panel on its Matplotlib axes; clip points beyond the panel's largest y."""
+def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, str]]) -> None:
+    """Draw a panel's curves into Matplotlib axes, each in the (colour, marker) of its method; clip y at `max_y`."""
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:
         axes.set_xlim(*panel.x_range)
@@ -105,7 +104,7 @@ def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> 
     edge = inf if panel.max_y is None else panel.max_y
     clipped: list[tuple[float, float]] = []
     for curve in panel.curves:
-        colour, mark = styles[curve.name]
+        colour, mark = style_by_method[curve.name]
         points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
         x_values, y_values = [x for x, _ in points], [min(y, edge) for _, y in points]
         style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6}
@@ -133,8 +132,8 @@ def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> 
     axes.grid(visible=True, which="major", color="0.9")
 
 
-def new_figure(size: tuple[float, float]) -> Any:
-    """Return an empty Matplotlib figure of a size [inch].
+def new_figure(size_inches: tuple[float, float]) -> Any:
+    """Import Matplotlib and return an empty figure of a width and height.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
@@ -144,4 +143,4 @@ def new_figure(size: tuple[float, float]) -> Any:
     except ImportError as error:
         needed = "matplotlib (pip install '.[bench]' in the project's folder)"
         raise MissingDependencyError("--plot", needed, str(error)) from None
-    return Figure(figsize=size, layout="constrained")
+    return Figure(figsize=size_inches, layout="constrained")

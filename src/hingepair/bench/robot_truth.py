@@ -18,14 +18,14 @@ Array: TypeAlias = NDArray[Any]
 
 ROBOT_TRUTH_DIGITS: Final = 50
 """Decimal digits of the exact results."""
-_GRAVITY_SIZE: Final = 9.81  # m/s^2, along -z of the world
+_GRAVITY_MAGNITUDE: Final = 9.81  # m/s^2, along -z of the world
 
 # Converts numbers into mpmath numbers without rounding, elementwise.
 _to_mpf: Any = np.frompyfunc(mpmath.mpf, 1, 1)
 
 
 class _BodyState(NamedTuple):
-    """The pose and motion of a body, in world axes."""
+    """Pose, joint axis, angular velocity and accelerations of one body, in world axes, as mpmath numbers."""
 
     R: Array  # point of the joint that carries the body [m]
     S: Array  # rotation, body to world
@@ -36,7 +36,7 @@ class _BodyState(NamedTuple):
 
 
 class ExactRobot:
-    """Exact results of a robot on a fixed base at given positions, in arrays of mpmath numbers.
+    """Computes exact results of a robot on a fixed base at given positions, as arrays of mpmath numbers.
 
     Args:
         tree: the record of the robot.
@@ -54,7 +54,7 @@ class ExactRobot:
         self._q = self._joint_values(q) + _to_mpf(np.array(offsets))
 
     def pose(self, joint: str) -> Array:
-        """Return position and rotation of the body that a joint carries; shape (12,)."""
+        """Return position and rotation, joined, of the body that a joint carries; shape (12,)."""
         with mpmath.workdps(ROBOT_TRUTH_DIGITS):
             body = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._joint_number(joint)]
             return np.concatenate([body.R, body.S.ravel()])
@@ -74,10 +74,10 @@ class ExactRobot:
                 number = ancestor.parent
             return J
 
-    def inverse_dynamics(self, qd: Array, qdd: Array, gravity: float = _GRAVITY_SIZE) -> Array:
+    def inverse_dynamics(self, qd: Array, qdd: Array, gravity_magnitude: float = _GRAVITY_MAGNITUDE) -> Array:
         """Return the efforts that rates and accelerations require [N m, N]; shape (dof,)."""
         with mpmath.workdps(ROBOT_TRUTH_DIGITS):
-            bodies = self._body_states(qd, qdd, gravity)
+            bodies = self._body_states(qd, qdd, gravity_magnitude)
             zero = _to_mpf(np.zeros(3))
             force, torque = [zero] * len(bodies), [zero] * len(bodies)
             efforts: Array = _to_mpf(np.zeros(self._dof))
@@ -112,10 +112,12 @@ class ExactRobot:
         joint_values: Array = _to_mpf(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
         return joint_values
 
-    def _body_states(self, qd: Array, qdd: Array, gravity: float) -> list[_BodyState]:
-        """Return the pose and motion of the base and of all bodies."""
+    def _body_states(self, qd: Array, qdd: Array, gravity_magnitude: float) -> list[_BodyState]:
+        """Return the pose and motion of the base and of all bodies, in the order of the joints."""
         zero = _to_mpf(np.zeros(3))
-        bodies = [_BodyState(zero, _to_mpf(np.eye(3)), zero, zero, zero, _to_mpf(np.array([0.0, 0.0, gravity])))]
+        bodies = [
+            _BodyState(zero, _to_mpf(np.eye(3)), zero, zero, zero, _to_mpf(np.array([0.0, 0.0, gravity_magnitude])))
+        ]
         rates, accelerations = self._joint_values(qd), self._joint_values(qdd)
         for joint, q, v, w in zip(self._tree.joints, self._q, rates, accelerations, strict=True):
             p = bodies[joint.parent]
@@ -137,7 +139,7 @@ class ExactRobot:
 
 
 def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
-    """Return the force that the motion of a body requires, and the torque about the point of its joint."""
+    """Return the force that the motion of a joint's body requires, and the torque about the joint's point."""
     c = body.S @ _to_mpf(joint.body.center_of_mass)
     inertia = body.S @ _to_mpf(joint.body.inertia) @ body.S.T
     relative_a = _cross_product(body.alpha, c) + _cross_product(body.omega, _cross_product(body.omega, c))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hingepair.bench.engines import (
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_LOOP_SAMPLES,
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
@@ -43,7 +43,7 @@ from hingepair.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[Any]
 
-LOCKED_JOINTS: Final = {
+LOCKED_POSITIONS_BY_ROBOT: Final = {
     "ur5_robot": {},
     "panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
     "solo12": {},
@@ -55,7 +55,7 @@ POSE_WORKLOAD, JACOBIAN_WORKLOAD = "pose", "Jacobian"  # names of workloads
 # All workloads, in the order of the table and of the constants in robots_loop.cpp.
 WORKLOAD_NAMES: Final = (POSE_WORKLOAD, JACOBIAN_WORKLOAD, INVERSE_WORKLOAD, FORWARD_WORKLOAD)
 
-_COMPARED_STATES: Final = 4
+_NUM_COMPARED_STATES: Final = 4
 """Number of states whose results are compared with the exact ones."""
 
 # Sentences below the table.
@@ -63,20 +63,20 @@ _TABLE_NOTES: Final = (
     "Each row is one engine on one task, on one thread (JAX chooses its threads itself), compiled before the "
     "measurement. N: states of a call; a call: median time of a call; each: time for one state; ratio: that time "
     "divided by the time of the first row.",
-    f"error: largest difference from {ROBOT_TRUTH_DIGITS}-digit arithmetic at {_COMPARED_STATES} random "
+    f"error: largest difference from {ROBOT_TRUTH_DIGITS}-digit arithmetic at {_NUM_COMPARED_STATES} random "
     "states, relative to the largest component of the result (the unit roundoff of a double is 1.1e-16).",
     "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
     "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
-    f"{MAX_LOOP_SAMPLES:,} states.",
+    f"{MAX_PYTHON_LOOP_SAMPLES:,} states.",
 )
 
 # Names of further methods.
 PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
-_CPP_JOINT_KINDS: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
+_CPP_JOINT_KIND_NAMES: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
 # axes of joint models, by their last letter
-_AXES_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_UNIT_AXIS_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
 class RobotTask(NamedTuple):
@@ -90,27 +90,27 @@ class RobotTask(NamedTuple):
     rows: tuple[Array, Array, Array]  # q, q' and q'', or for forward dynamics the efforts; shape (N, dof)
 
 
-def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, cpp: bool) -> Report:
-    """Measure every workload for robots and batch sizes."""
-    if cpp:
+def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, with_cpp: bool) -> Report:
+    """Measure every workload of robots at several batch sizes by all engines; return the report."""
+    if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (one or two minutes)")
     methods, left_out = available_methods(
-        ROBOT_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(cpp, "robots_loop.cpp")}
+        ROBOT_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, "robots_loop.cpp")}
     )
     rows = list[Row]()
     for name in names:
         robot, model = _load_models(name)
         for workload in WORKLOAD_NAMES:
-            task = functools.cache(functools.partial(make_robot_task, name, robot, model, workload))
+            make_task = functools.cache(functools.partial(make_robot_task, name, robot, model, workload))
             suitable = [
-                method for method in methods if workload in _METHOD_WORKLOADS.get(method.name, WORKLOAD_NAMES)
+                method for method in methods if workload in _WORKLOADS_BY_METHOD_NAME.get(method.name, WORKLOAD_NAMES)
             ]
-            errors = _robot_errors(suitable, task)
+            errors = _robot_errors(suitable, make_task)
             for size in sizes:
                 print_progress(f"{name}, {workload}, N = {size:,}: {repeats} repeats")
                 measured = [method for method in suitable if method.name != PREPARED_NAME or size == 1]
                 rows += measure_methods(
-                    _robot_case_name(robot, workload, size), measured, task, size, repeats, errors
+                    _robot_case_name(robot, workload, size), measured, make_task, size, repeats, errors
                 )
     return Report(rows, "error", [*left_out, *_TABLE_NOTES], _run_time_panels(rows, max(sizes)))
 
@@ -120,20 +120,22 @@ def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
     return case_name(f"{robot.name} ({robot.dof} joints), {workload}", size)
 
 
-def _robot_errors(methods: Sequence[Method], task: Callable[[int], RobotTask]) -> dict[str, float]:
-    """Return the largest error of each method, by its name."""
-    print_progress(f"{task(1).name}, {task(1).workload}: {ROBOT_TRUTH_DIGITS} digits")
-    truth = exact_robot_results(task(_COMPARED_STATES))
+def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTask]) -> dict[str, float]:
+    """Compute a workload by each method and exactly; return the largest relative error by the method's name."""
+    print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DIGITS} digits")
+    truth = exact_robot_results(make_task(_NUM_COMPARED_STATES))
     return {
-        method.name: robot_error(method, task(1 if method.name == PREPARED_NAME else _COMPARED_STATES), truth)
+        method.name: robot_error(
+            method, make_task(1 if method.name == PREPARED_NAME else _NUM_COMPARED_STATES), truth
+        )
         for method in methods
     }
 
 
 def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return the panels of the picture: run times of the largest batch, a panel a workload and a line a robot.
+    """Return the picture's panels, one for each workload: a line for each robot, its run times along x.
 
-    The legend shows the largest error of each engine.
+    The run times are those of batches of `size` states. The legend shows the largest error of each engine.
     """
     batches = [row for row in rows if row.case.endswith(case_name("", size)) and row.method != PREPARED_NAME]
     errors: dict[str, float] = {}
@@ -164,17 +166,17 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
 
 
 def _load_models(name: str) -> tuple[Mechanism, Any]:
-    """Return a robot and Pinocchio's model of it, read from the same file."""
+    """Load a robot of example-robot-data; return it and Pinocchio's model of it, from the same file."""
     import pinocchio as pin
 
     full = pin.buildModelFromUrdf(str(robot_urdf(name)))
-    locked = [full.getJointId(joint) for joint in LOCKED_JOINTS.get(name, {})]
+    locked = [full.getJointId(joint) for joint in LOCKED_POSITIONS_BY_ROBOT.get(name, {})]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
-    return load_robot(name, locked=LOCKED_JOINTS.get(name, {})), model
+    return load_robot(name, locked=LOCKED_POSITIONS_BY_ROBOT.get(name, {})), model
 
 
 def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> RobotTask:
-    """Return a task of random states of a robot; a larger task begins with the states of a smaller one."""
+    """Return a task of `count` random states of a robot; a larger task begins with the states of a smaller one."""
     rng = np.random.default_rng(31)
     depth = [0]
     for joint in range(1, model.njoints):
@@ -201,9 +203,9 @@ def exact_robot_results(task: RobotTask) -> Array:
     return np.array(rows)
 
 
-def robot_error(method: Method, task: RobotTask, truth: Array) -> float:
-    """Return the largest error of an engine's results, relative to the largest component of the true ones."""
-    expected = truth[: len(task.rows[0])]
+def robot_error(method: Method, task: RobotTask, exact_results: Array) -> float:
+    """Return the largest error of a method's results, relative to the largest component of the true ones."""
+    expected = exact_results[: len(task.rows[0])]
     result = np.asarray(method.make_job(task)(), dtype=float).reshape(expected.shape)
     return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, expected, strict=True))
 
@@ -215,7 +217,7 @@ def _read_pose(state: Any) -> Array:
 
 
 def hingepair_robot_job(task: RobotTask) -> Job:
-    """Return a job that calls the robot's method, which is compiled at the first call."""
+    """Return a job that computes the task's workload by a method of `Mechanism`, compiled at the first call."""
     (q, v, w), tip = task.rows, task.model.names[task.tip]
     if task.workload == POSE_WORKLOAD:
         # Position and rotation are put into one array only for the comparison, which is no work of the engine.
@@ -232,7 +234,7 @@ def hingepair_robot_job(task: RobotTask) -> Job:
 
 
 class _JobWithReader:
-    """A job whose result is converted into one array when it is compared, not when it is timed."""
+    """A job whose result is turned into an array only when results are compared, so that this is not timed."""
 
     def __init__(self, job: Job, read: Any) -> None:
         self._job, self._read = job, read
@@ -307,7 +309,7 @@ def pinocchio_robot_job(task: RobotTask) -> Job:
 
 
 def pinocchio_batch_job(task: RobotTask) -> Job:
-    """Return a job of Pinocchio's batch functions for dynamics, on one thread like all other methods."""
+    """Return a job that calls Pinocchio's own batch functions for dynamics, on one thread like all other methods."""
     import pinocchio as pin
 
     pool = pin.ModelPool(task.model, 1)
@@ -320,8 +322,8 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
     """Return a job that loops over the states in C++ and calls Pinocchio."""
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
-    kinds = [_CPP_JOINT_KINDS.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
-    axes = [_AXES_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
+    kinds = [_CPP_JOINT_KIND_NAMES.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
+    axes = [_UNIT_AXIS_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
     arrays = [
@@ -351,7 +353,7 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
 
 @functools.cache
 def _load_robots_library() -> Any:
-    """Compile and load the C++ loops over robots."""
+    """Compile the C++ loops over robots; return the ctypes library, cached."""
     library = compile_library("robots_loop.cpp")
     pointer: Any = ctypes.c_void_p
     number: Any = ctypes.c_long
@@ -362,7 +364,7 @@ def _load_robots_library() -> Any:
 
 
 def mujoco_robot_job(task: RobotTask) -> Job:
-    """Return a job that loops over the states in Python and calls MuJoCo on the exported robot."""
+    """Return a job that computes dynamics by a Python loop over MuJoCo, on the robot that `to_urdf` exports."""
     import mujoco as mj
 
     from hingepair.formats.model_writers import to_urdf
@@ -381,7 +383,7 @@ def mujoco_robot_job(task: RobotTask) -> Job:
     results = np.empty_like(rows[1])
 
     def run() -> Array:
-        """Compute the unknowns of every sample by MuJoCo, one sample at a time; return them row by row."""
+        """Compute the efforts or accelerations of every state by MuJoCo; return them as rows."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)
@@ -392,7 +394,7 @@ def mujoco_robot_job(task: RobotTask) -> Job:
 
 
 def frax_job(task: RobotTask) -> Job:
-    """Return a job of frax, compiled by JAX for a whole batch in float64."""
+    """Return a job that computes dynamics by frax, compiled by JAX for a whole batch in float64."""
     import tempfile
 
     import jax
@@ -421,17 +423,21 @@ def frax_job(task: RobotTask) -> Job:
 ROBOT_METHODS: Final = (
     Method(PREPARED_NAME, prepared_robot_job),
     Method(HINGEPAIR_NAME, hingepair_robot_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(
-        PINOCCHIO_PARALLEL_NAME, pinocchio_batch_job, min_samples=2, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"
+        PINOCCHIO_PARALLEL_NAME,
+        pinocchio_batch_job,
+        min_samples=2,
+        max_samples=MAX_PYTHON_LOOP_SAMPLES,
+        package="pinocchio",
     ),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_robot_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
     Method(FRAX_NAME, frax_job, min_samples=2, package="frax"),
 )
 """All methods of `hingepair bench robots`; the first one computes one state only."""
 
 # The workloads of the methods that do not compute all of them.
-_METHOD_WORKLOADS: Final = dict.fromkeys(
+_WORKLOADS_BY_METHOD_NAME: Final = dict.fromkeys(
     (PINOCCHIO_PARALLEL_NAME, MUJOCO_NAME, FRAX_NAME), (INVERSE_WORKLOAD, FORWARD_WORKLOAD)
 )

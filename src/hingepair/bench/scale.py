@@ -21,23 +21,19 @@ from hingepair.errors import MissingDependencyError
 from hingepair.formats.robots import load_robot
 from hingepair.pair.hinge_pair import HingePair
 
-CHUNK_SAMPLES: Final = 1_000_000
+MAX_CHUNK_SAMPLES: Final = 1_000_000
 """Samples of a chunk at most."""
 PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
 # Headings of columns of the table.
-MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
-CPU_COLUMN: Final = "processor time [s]"  # of all threads in a call
+PEAK_MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
+PROCESSOR_TIME_COLUMN: Final = "processor time [s]"  # of all threads in a call
 
-_MIN_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
-# The robot of forward dynamics, and its locked joints [m].
-_ROBOT_NAME = "panda"
-_LOCKED_JOINTS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
-_SWEEP_VARIANTS = 1000  # variants of each sweep
-_PAIR_OUTPUTS = ("R2", "v2", "omega2")  # outputs of the velocity case
+_MIN_CHUNK_COUNT = 8  # chunks of a case; with few samples the chunks are smaller
+_NUM_SWEEP_VARIANTS = 1000  # variants of each sweep
 
 # A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
 # On Linux, ru_maxrss of a new process begins with the memory of the process that started it; VmHWM does not.
-_REDUCTION_CODE = """
+_DASK_REDUCTION_CODE = """
 import re, resource, sys, time
 from pathlib import Path
 import dask, dask.array as da
@@ -58,7 +54,7 @@ print(seconds, peak)
 """
 
 # Scenes of the sweeps.
-_ARM_SCENE: Final = """
+_ARM_SCENE_TOML: Final = """
 [pair]
 u1 = [0.5, 0.2, 0.1]
 u2 = [-0.25, 0.1, 0.3]
@@ -78,7 +74,7 @@ stop = 10
 samples = 2001
 """
 # Scene of a robot whose payload is varied.
-_PANDA_SCENE: Final = """
+_PANDA_SCENE_TOML: Final = """
 [mechanism]
 robot = "panda"
 locked = { panda_finger_joint1 = 0.02, panda_finger_joint2 = 0.02 }
@@ -93,18 +89,18 @@ stop = 2
 samples = 101
 """
 # Scene, output and varied key of each sweep, by the name of its case.
-_SWEEP_CASES: Final = {
-    "forces of a hinge, 2001 instants": (_ARM_SCENE, "hinge_torque", "pair.body2.mass"),
-    "torques of Panda, 101 instants": (_PANDA_SCENE, "tau", "mechanism.payload.panda_hand.mass"),
+_SWEEPS_BY_CASE_NAME: Final = {
+    "forces of a hinge, 2001 instants": (_ARM_SCENE_TOML, "hinge_torque", "pair.body2.mass"),
+    "torques of Panda, 101 instants": (_PANDA_SCENE_TOML, "tau", "mechanism.payload.panda_hand.mass"),
 }
 
 
-def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
-    """Measure Dask beside the plain call, several threads beside one, the memory of a long reduction, and sweeps.
+def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats: int) -> Report:
+    """Measure Dask beside plain calls, several threads beside one, and sweeps; return the report.
 
     Args:
         samples: number of samples of the calls that are compared.
-        long: number of samples of the reduction whose memory is measured; 0 for no reduction.
+        reduction_samples: number of samples of the reduction whose memory is measured; 0 for no reduction.
         threads: number of threads that are compared with one thread.
         repeats: number of repeats of each measurement.
 
@@ -121,16 +117,16 @@ def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
         *_measure_velocities(samples, threads, repeats),
         *_measure_forward_dynamics(samples, threads, repeats),
     ]
-    if long:
-        print_progress(f"a reduction of {long:,} samples in a process of its own")
-        rows.append(_measure_long_reduction(long, threads))
-    print_progress(f"sweeps of {_SWEEP_VARIANTS} variants")
+    if reduction_samples:
+        print_progress(f"a reduction of {reduction_samples:,} samples in a process of its own")
+        rows.append(_measure_long_reduction(reduction_samples, threads))
+    print_progress(f"sweeps of {_NUM_SWEEP_VARIANTS} variants")
     rows += _measure_sweeps(threads)
     notes = [
         f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
-        f"{CHUNK_SAMPLES:,} samples at most",
-        f"{CPU_COLUMN}: of all threads of the process; where T threads take X times that of one thread, they are at "
-        "most T / X times as fast on idle cores",
+        f"{MAX_CHUNK_SAMPLES:,} samples at most",
+        f"{PROCESSOR_TIME_COLUMN}: of all threads of the process; where T threads take X times that of one thread, "
+        "they are at most T / X times as fast on idle cores",
         "the plain call writes into new memory, whose pages the system clears; chunks use their memory again",
         "velocity: the memory bandwidth limits the run time (112 bytes are read and 72 written for each sample), "
         "so threads gain less than for forward dynamics, which arithmetic limits",
@@ -140,29 +136,31 @@ def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
 
 def _chunk_size(samples: int) -> int:
     """Return the number of samples of a chunk."""
-    return max(1, min(CHUNK_SAMPLES, samples // _MIN_CHUNKS))
+    return max(1, min(MAX_CHUNK_SAMPLES, samples // _MIN_CHUNK_COUNT))
 
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure velocities of a pair, whose run time memory bandwidth limits."""
+    """Measure velocities of a pair, whose run time memory bandwidth limits; return the rows."""
     pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
+    outputs = ("R2", "v2", "omega2")
 
     def largest(state: Any) -> list[Any]:
-        return [state[name].max(axis=0) for name in _PAIR_OUTPUTS]
+        return [state[name].max(axis=0) for name in outputs]
 
     def plain(workers: int) -> Job:
-        return lambda: largest(pair.forward_kinematics(q, qd, outputs=_PAIR_OUTPUTS, workers=workers))
+        return lambda: largest(pair.forward_kinematics(q, qd, outputs=outputs, workers=workers))
 
     def lazy(*arrays: Any) -> list[Any]:
-        return largest(pair.forward_kinematics(*arrays, outputs=_PAIR_OUTPUTS))
+        return largest(pair.forward_kinematics(*arrays, outputs=outputs))
 
     return _measure_beside_dask("velocity", plain, lazy, (q, qd), threads, repeats)
 
 
 def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure forward dynamics of a robot, whose run time arithmetic limits."""
-    robot, rng = load_robot(_ROBOT_NAME, locked=_LOCKED_JOINTS), np.random.default_rng(52)
+    """Measure forward dynamics of a robot, whose run time arithmetic limits; return the rows."""
+    locked_positions = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
+    robot, rng = load_robot("panda", locked=locked_positions), np.random.default_rng(52)
     q, qd, tau = rng.uniform(-1, 1, (3, samples, robot.dof))
 
     def plain(workers: int) -> Job:
@@ -171,23 +169,23 @@ def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[
     def lazy(*arrays: Any) -> list[Any]:
         return [robot.forward_dynamics(*arrays).qdd.max(axis=0)]
 
-    return _measure_beside_dask(f"forward dynamics of {_ROBOT_NAME}", plain, lazy, (q, qd, tau), threads, repeats)
+    return _measure_beside_dask("forward dynamics of panda", plain, lazy, (q, qd, tau), threads, repeats)
 
 
 def _measure_beside_dask(
     case: str,
-    plain: Callable[[int], Job],
-    lazy: Callable[..., list[Any]],
+    make_plain_job: Callable[[int], Job],
+    compute_lazily: Callable[..., list[Any]],
     arrays: Sequence[Any],
     threads: int,
     repeats: int,
 ) -> list[Row]:
-    """Measure plain calls and Dask on one thread and on several, in one run.
+    """Measure a plain call and the same call on Dask arrays, on one thread and on several; return the rows.
 
     Args:
         case: name of the case.
-        plain: returns the job of the plain call on a number of threads.
-        lazy: returns the lazy results of Dask arrays.
+        make_plain_job: returns the job of the plain call on a number of threads.
+        compute_lazily: returns the lazy results of Dask arrays.
         arrays: inputs; shape (samples, ...).
         threads: number of threads that are compared with one thread.
         repeats: number of repeats of each measurement.
@@ -199,7 +197,7 @@ def _measure_beside_dask(
     chunked = [da.from_array(array, chunks=(_chunk_size(samples), array.shape[1]), name=False) for array in arrays]
 
     def by_dask(pool: ThreadPoolExecutor) -> Job:
-        return lambda: dask.compute(*lazy(*chunked), scheduler="threads", pool=pool)
+        return lambda: dask.compute(*compute_lazily(*chunked), scheduler="threads", pool=pool)
 
     jobs: dict[str, Job] = {}
     cpu_seconds: dict[str, list[float]] = {}
@@ -207,43 +205,45 @@ def _measure_beside_dask(
         for workers in dict.fromkeys((1, threads)):
             threads_text = f"{workers} thread{'s' * (workers > 1)}"
             pool = pools.enter_context(ThreadPoolExecutor(workers))  # its threads keep their memory between calls
-            for name, job in ((PLAIN_NAME, plain(workers)), (DASK_NAME, by_dask(pool))):
+            for name, job in ((PLAIN_NAME, make_plain_job(workers)), (DASK_NAME, by_dask(pool))):
                 method = f"{name}, {threads_text}"
                 cpu_seconds[method] = []
-                jobs[method] = _recording_cpu(job, cpu_seconds[method])
+                jobs[method] = _with_processor_time(job, cpu_seconds[method])
         times = time_interleaved(jobs, repeats)
-    more = {name: {CPU_COLUMN: round(median(seconds[-repeats:]), 3)} for name, seconds in cpu_seconds.items()}
-    return make_rows(case, times, samples, more=more)
+    more = {
+        name: {PROCESSOR_TIME_COLUMN: round(median(seconds[-repeats:]), 3)} for name, seconds in cpu_seconds.items()
+    }
+    return make_rows(case, times, samples, extra_columns=more)
 
 
-def _recording_cpu(job: Job, seconds: list[float]) -> Job:
-    """Return a job that appends the processor time of all threads of each call [s]."""
+def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
+    """Return a job that runs a job and appends the processor time of all its threads to `processor_seconds`."""
 
     def run() -> Any:
-        """Run the job, and store the processor time that the job took [s]."""
+        """Run the job, append its processor time [s], and return its result."""
         start = time.process_time()
         result = job()
-        seconds.append(time.process_time() - start)
+        processor_seconds.append(time.process_time() - start)
         return result
 
     return run
 
 
 def _measure_long_reduction(samples: int, threads: int) -> Row:
-    """Measure run time and memory of a reduction that holds only a few chunks at a time."""
-    command = [sys.executable, "-c", _REDUCTION_CODE, str(samples), str(threads)]
+    """Measure run time and peak memory of a Dask reduction, in a process of its own; return the row."""
+    command = [sys.executable, "-c", _DASK_REDUCTION_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
-    return Row(case, method, samples, seconds, seconds, 1.0, more={MEMORY_COLUMN: round(peak)})
+    return Row(case, method, samples, seconds, seconds, 1.0, more={PEAK_MEMORY_COLUMN: round(peak)})
 
 
 def _measure_sweeps(threads: int) -> list[Row]:
-    """Measure `hingepair sweep`, including the start of its process."""
+    """Measure `hingepair sweep`, including the start of its process; return the rows."""
     rows = []
-    for case, (scene, output, key) in _SWEEP_CASES.items():
+    for case, (scene, output, key) in _SWEEPS_BY_CASE_NAME.items():
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "scene.toml").write_text(scene, encoding="utf-8")
-            design = f'design = "random"\nsamples = {_SWEEP_VARIANTS}\nchunk = {_SWEEP_VARIANTS // 8}\n'
+            design = f'design = "random"\nsamples = {_NUM_SWEEP_VARIANTS}\nchunk = {_NUM_SWEEP_VARIANTS // 8}\n'
             vary = f'[[vary]]\nkey = "{key}"\nlow = 0.5\nhigh = 3\n'
             text = f'scene = "scene.toml"\noutputs = ["{output}"]\nreduce = ["absmax", "rms"]\n{design}{vary}'
             path = Path(folder, "sweep.toml")
@@ -252,5 +252,5 @@ def _measure_sweeps(threads: int) -> list[Row]:
             start = time.perf_counter()
             subprocess.run([*command, "--out", str(Path(folder, "out.parquet"))], capture_output=True, check=True)
             seconds = time.perf_counter() - start
-        rows.append(Row(f"sweep: {case}", f"{threads} threads", _SWEEP_VARIANTS, seconds, seconds, 1.0))
+        rows.append(Row(f"sweep: {case}", f"{threads} threads", _NUM_SWEEP_VARIANTS, seconds, seconds, 1.0))
     return rows

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.bench.measure import Job, Report, make_rows, print_progress, time_interleaved
-from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, LEVEL_OUTPUTS
+from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, OUTPUTS_BY_LEVEL
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR, SPATIAL
 
-FULL_CASE_NAME = "nothing known"  # name of the case without folding
-OPERATIONS_COLUMN = "operations"  # heading of a column of the table
+UNFOLDED_CASE_NAME = "nothing known"  # name of the case without folding
+OPERATION_COUNT_COLUMN = "operations"  # heading of a column of the table
 
 
 class FoldingCase(NamedTuple):
@@ -23,10 +23,10 @@ class FoldingCase(NamedTuple):
 
     pair: HingePair | PlanarPair
     motion: tuple[Any, ...]
-    outputs: tuple[str, ...] = LEVEL_OUTPUTS["velocity"]
+    outputs: tuple[str, ...] = OUTPUTS_BY_LEVEL["velocity"]
 
     def count_operations_left(self) -> int:
-        """Return the number of operations for a sample; operations done once for all samples do not count."""
+        """Return the number of operations for each sample; operations done once for all samples do not count."""
         q, qd = (*self.motion, None)[:2]
         if isinstance(self.pair, PlanarPair):
             plan, arguments = plan_from_coordinates(
@@ -39,7 +39,7 @@ class FoldingCase(NamedTuple):
         return count_operations(plan, self.pair.constants, arguments.parts).per_sample
 
     def make_job(self, backend: str) -> Job:
-        """Return a job that writes the outputs into existing arrays."""
+        """Return a job that computes the case by a backend and writes the outputs into existing arrays."""
         pair, motion, outputs = self
         state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
         out = {name: np.array(state[name]) for name in outputs}
@@ -47,18 +47,18 @@ class FoldingCase(NamedTuple):
 
 
 def measure_folding(samples: int, repeats: int) -> Report:
-    """Measure velocities with different known inputs by each backend."""
+    """Measure velocities of cases with known inputs, beside the case without, by each backend; return the report."""
     rows, folding_cases = [], make_folding_cases(samples)
-    more = {name: {OPERATIONS_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()}
+    more = {name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()}
     for backend in ("compiled", "numpy"):
         print_progress(f"{backend}, N = {samples:,}: {len(folding_cases)} programs, {repeats} repeats")
         jobs = {name: case.make_job(backend) for name, case in folding_cases.items()}
-        rows += make_rows(f"velocity, {backend}", time_interleaved(jobs, repeats), samples, more=more)
+        rows += make_rows(f"velocity, {backend}", time_interleaved(jobs, repeats), samples, extra_columns=more)
     return Report(rows)
 
 
 def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
-    """Return the cases, by what is known; the first one has no known input."""
+    """Return the cases, by a name that says what is known; in the first one nothing is."""
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
     turned = HingePair(**BENCH_PAIR_CONSTANTS)
@@ -69,10 +69,10 @@ def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
     yawing = (*q[:3], 0.1, 0.2, *q[5:]), (*qd[:3], 0.0, 0.0, *qd[5:])
     upright = tuple((*c[:3], 0.0, 0.0, *c[5:]) for c in (q, qd))
     return {
-        FULL_CASE_NAME: FoldingCase(turned, (q, qd)),
+        UNFOLDED_CASE_NAME: FoldingCase(turned, (q, qd)),
         "home = identity": FoldingCase(plain, (q, qd)),
         "axis along e_x": FoldingCase(along, (q, qd)),
-        "pose only": FoldingCase(turned, (q,), LEVEL_OUTPUTS["pose"]),
+        "pose only": FoldingCase(turned, (q,), OUTPUTS_BY_LEVEL["pose"]),
         "R2 alone": FoldingCase(turned, (q, qd), ("R2",)),
         "constant attitude of body 1": FoldingCase(turned, still),
         "constant phi_x and phi_y": FoldingCase(turned, yawing),

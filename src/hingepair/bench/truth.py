@@ -24,15 +24,14 @@ PairNumbers: TypeAlias = Mapping[str, Any]
 
 TRUTH_DIGITS = 700
 """Decimal digits; an angle of 1e300 keeps 400 of them, and second differences over 1e-100 s take another 200."""
-_DIFFERENCE_EXPONENT = 100  # the time step of finite differences is 1e-100 s divided by the size of the rates
 
 # Places of phi_y, of psi and of all angles among the seven coordinates.
 _PHI_Y_INDEX, _PSI_COORDINATE_INDEX = 4, 6
-_ANGLE_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
+_ANGLE_COORDINATES_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
 
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
-    """Return the motion of body 2 at one state: R2, S2, v2, omega2, a2, alpha2 as flat lists of mpmath numbers.
+    """Return R2, S2, v2, omega2, a2, alpha2 at one state by name, as flat lists of mpmath numbers.
 
     Args:
         pair: u1, u2, n, home as numbers.
@@ -42,11 +41,10 @@ def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = 
     """
     with mpmath.workdps(TRUTH_DIGITS):
         zero = [0.0] * 7
-        parts = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
-        h = mpmath.mpf(10) ** -_DIFFERENCE_EXPONENT / (
-            1 + sum(abs(x) for x in parts[1]) + mpmath.sqrt(sum(map(abs, parts[2])))
-        )
-        (R0, _, T0), (R, S, T), (R3, _, T3) = (_exact_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
+        motion = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
+        # time step of the finite differences: 1e-100 s divided by the size of the rates
+        h = mpmath.mpf(10) ** -100 / (1 + sum(abs(x) for x in motion[1]) + mpmath.sqrt(sum(map(abs, motion[2]))))
+        (R0, _, T0), (R, S, T), (R3, _, T3) = (_exact_body2(pair, motion, t) for t in (-h, mpmath.mpf(0), h))
         rate, change = (T3 - T0) / (2 * h), (T3 - 2 * T + T0) / h**2
         outputs = {
             "R2": R,
@@ -59,9 +57,9 @@ def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = 
         return {name: list(value) for name, value in outputs.items()}
 
 
-def _exact_body2(pair: PairNumbers, parts: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Return R2, S2 and S1 Sh at a time [s]; S1 Sh is a rotation to all digits, home is not."""
-    x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
+def _exact_body2(pair: PairNumbers, motion: Any, t: Any) -> tuple[Any, Any, Any]:
+    """Return R2, S2 and S1 Sh at time t [s] of the motion (q, qd, qdd at 0), as mpmath matrices."""
+    x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*motion, strict=True))
     S1 = mpmath.eye(3)
     for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
         S1 = S1 * rotation_about_axis(axis, angle)
@@ -94,7 +92,7 @@ def skew_vector(W: Any) -> Any:
 
 
 class ExactResults:
-    """Exact results of a batch of states, with which the results of methods are compared.
+    """Exact results of a batch of states, computed at construction, and the scales of their rounding errors.
 
     Args:
         pair: u1, u2, n, home: the arguments of the pair.
@@ -109,7 +107,7 @@ class ExactResults:
         self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
 
     def largest_error(self, results: Mapping[str, Array]) -> float:
-        """Return the largest error of all outputs [u * scale]; infinite if one is not finite."""
+        """Return the largest error of any output [u * scale]; infinite if a result is not finite."""
         worst = 0.0
         for name in self.outputs:
             rows = np.asarray(results[name], dtype=np.float64).reshape(len(self.exact), -1)
@@ -124,7 +122,7 @@ class ExactResults:
 
 
 def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[np.float64]]:
-    """Return the scale of each output's error, by name; shape (N,) or a number."""
+    """Return the scale that errors of each output are divided by, by the output's name; shape (N,) or a number."""
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
     linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
@@ -132,23 +130,23 @@ def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[
     return output_scales(u1=pair["u1"], u2=pair["u2"], W1=W1, A1=A1, **linear, **hinge)
 
 
-def random_states(rng: np.random.Generator, count: int, parts: int) -> MotionArrays:
-    """Return normally distributed q, qd, qdd of shape (count, 7).
+def random_states(rng: np.random.Generator, count: int, num_levels: int) -> MotionArrays:
+    """Return normally distributed q, qd, qdd of shape (count, 7), the first `num_levels` of the three.
 
     Args:
         rng: source of the numbers.
         count: number of states.
-        parts: 1 for q alone, 2 for q and qd, 3 for all.
+        num_levels: 1 for q alone, 2 for q and qd, 3 for all.
     """
-    return tuple(rng.normal(size=(parts, count, 7)))
+    return tuple(rng.normal(size=(num_levels, count, 7)))
 
 
-def hard_states(rng: np.random.Generator, parts: int) -> MotionArrays:
-    """Return q, qd, qdd of states that are numerically difficult, each a random state with one change.
+def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
+    """Return q, qd, qdd (the first `num_levels`) of numerically difficult states, random but for one change each.
 
     Args:
         rng: source of the numbers.
-        parts: 1 for q alone, 2 for q and qd, 3 for all.
+        num_levels: 1 for q alone, 2 for q and qd, 3 for all.
     """
     quarter = math.pi / 2
     changes: list[tuple[Any, Any, float]] = [(_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
@@ -156,8 +154,8 @@ def hard_states(rng: np.random.Generator, parts: int) -> MotionArrays:
         (_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
     ]
     changes += [(_PHI_Y_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)]
-    changes += [(_ANGLE_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
-    changes += [(_ANGLE_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
+    changes += [(_ANGLE_COORDINATES_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
+    changes += [(_ANGLE_COORDINATES_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
     changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
     changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
     motion = rng.normal(size=(3, len(changes), 7))
@@ -165,4 +163,4 @@ def hard_states(rng: np.random.Generator, parts: int) -> MotionArrays:
         motion[0, sample, index] = value
         motion[1, sample] *= rate
         motion[2, sample] *= rate * rate
-    return tuple(motion[:parts])
+    return tuple(motion[:num_levels])

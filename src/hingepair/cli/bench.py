@@ -103,11 +103,11 @@ def bench_direct(
 ) -> None:
     """Measure run time and error beside Pinocchio, MuJoCo, JAX, SciPy and NumPy."""
     from hingepair.bench import direct as bench
-    from hingepair.bench.peers import LEVEL_OUTPUTS
+    from hingepair.bench.peers import OUTPUTS_BY_LEVEL
 
     counts, chosen = _read_sizes(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
-        check_choice("levels", level, tuple(LEVEL_OUTPUTS))
+        check_choice("levels", level, tuple(OUTPUTS_BY_LEVEL))
     _run_benchmark(lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
@@ -207,4 +207,4 @@ def bench_scale(
     """Measure Dask beside the plain call, threads, memory and sweeps."""
     from hingepair.bench import scale as bench
 
-    _run_benchmark(lambda: bench.measure_dask(samples, long, workers, repeats), show_json)
+    _run_benchmark(lambda: bench.measure_scaling(samples, long, workers, repeats), show_json)
