@@ -11,63 +11,69 @@ import numpy as np
 
 from hingepair.mechanism.arguments import InputValues
 from hingepair.mechanism.evaluate import RobotComputation
+from hingepair.mechanism.states import FRAME_MOTION_OUTPUTS
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, kind_of
 from hingepair.plans.trees import compute_request
 
-_FRAME_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha")  # which have a bound for each frame
-
 
 def error_bounds(
     computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Return the bound on each output's rounding error at every sample; for motion, one bound for each frame."""
+    """Compute bounds on the rounding errors of a robot's outputs at every sample; return them by output name. An
+    output has one bound for its largest component; motion has one for each frame, along the last axis.
+    """
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
     components = [c for name in values.parts for c in _as_tuple(values.parts[name])]
     kind = kind_of(result_dtype(components))
-    frames = len(request.frames)
+    frame_count = len(request.frames)
 
-    def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Return the bounds of all outputs for the inputs of one block of samples."""
-        known = {name: tuple(kind.rounded(c) for c in group) for name, group in numbers.items()}
+    def block_bounds(block_inputs: Named) -> Mapping[str, Any]:
+        """Return the bounds of all outputs, by name, for one block of samples whose inputs are given by name."""
+        bounded_inputs = {name: tuple(kind.rounded(c) for c in group) for name, group in block_inputs.items()}
         pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
-        known["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
-        results = compute_request(form, request, known)
+        bounded_inputs["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
+        results = compute_request(form, request, bounded_inputs)
         return {
-            name: _largest_bounds(results[name], frames if name in _FRAME_OUTPUTS else 0) for name in request.outputs
+            name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUTS else 0)
+            for name in request.outputs
         }
 
     groups = {
-        name: _input_components(complete[name], tail)
-        for name, tail in computation.inputs.items()
+        name: _input_components(complete[name], sample_shape)
+        for name, sample_shape in computation.inputs.items()
         if name != "constants"
     }
-    tails = {name: (frames,) if name in _FRAME_OUTPUTS else () for name in request.outputs}
-    return tabulate(bounds, groups, tails, broadcast_shape(values.shapes), np.dtype(np.float64))
+    bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUTS else () for name in request.outputs}
+    return tabulate(block_bounds, groups, bound_shapes, broadcast_shape(values.shapes), np.dtype(np.float64))
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _input_components(value: Any, tail: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the components of an input as numbers or NumPy arrays."""
+def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return the components of an input, one sample of which has the given shape, as a tuple of numbers or NumPy
+    arrays.
+    """
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)
     array = np.asarray(value)
-    if array.ndim == len(tail):
+    if array.ndim == len(sample_shape):
         return tuple(array.ravel().tolist()) if array.dtype.char == "d" else tuple(array.ravel())
-    flat = array.reshape(*array.shape[: array.ndim - len(tail)], math.prod(tail))
+    flat = array.reshape(*array.shape[: array.ndim - len(sample_shape)], math.prod(sample_shape))
     return components_of(flat)
 
 
-def _largest_bounds(group: Any, frames: int) -> Any:
-    """Return the largest error bound of some components; for motion, the largest bound of each frame."""
-    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(group)]
-    if not frames:
+def _largest_bounds(components: Any, frame_count: int) -> Any:
+    """Return the largest error bound of some components. If `frame_count` is not 0, return a tuple with the largest
+    bound of each frame, whose components follow each other.
+    """
+    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
+    if not frame_count:
         return functools.reduce(np.maximum, errors, 0.0)
-    each = len(errors) // frames
-    return tuple(functools.reduce(np.maximum, errors[k * each : (k + 1) * each]) for k in range(frames))
+    count = len(errors) // frame_count
+    return tuple(functools.reduce(np.maximum, errors[k * count : (k + 1) * count]) for k in range(frame_count))

@@ -17,23 +17,23 @@ from hingepair.pair.forward_kinematics import component
 Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 """One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
 
-BASE_ATTRIBUTES: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+ATTRIBUTE_BY_BASE_INPUT: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 """Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
 
-_BASE_RATES: Final = ("v1", "omega1", "a1", "alpha1")  # inputs that are 0 for a base at rest
+_BASE_RATE_INPUTS: Final = ("v1", "omega1", "a1", "alpha1")  # inputs that are 0 for a base at rest
 
-BASE_AT_REST: Final[Mapping[str, tuple[float, ...]]] = {
+RESTING_BASE_INPUTS: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 }
 """Inputs of a base that rests at the origin, by name."""
 
-ZERO_BASE_LOADS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
+ZERO_BASE_LOAD_INPUTS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
 """Inputs of a base without loads, by name."""
 
 
 class InputValues(NamedTuple):
-    """Checked arguments, in the form that generated programs take.
+    """Checked arguments of a robot's method: values, in the form that generated programs take, and shapes.
 
     Attributes:
         parts: values by input name: arrays with the components last, or tuples of components (numbers or arrays).
@@ -47,20 +47,20 @@ class InputValues(NamedTuple):
 
 
 def read_arguments(
-    names: tuple[str, ...],
+    joint_names: tuple[str, ...],
     coordinates: Mapping[str, Any],
     base_motion: BodyMotion | None,
-    needed: Iterable[str],
-    vectors_given: Mapping[str, Any],
+    needed_inputs: Iterable[str],
+    labelled_loads: Mapping[str, Any],
 ) -> InputValues:
-    """Check the arguments of a method, and return them in the form that generated programs take.
+    """Check the arguments of a robot's method, and return them as InputValues, the form that generated programs take.
 
     Args:
-        names: names of the joints with a coordinate, in order.
+        joint_names: names of the joints with a coordinate, in order.
         coordinates: q, qd, qdd or tau by argument name.
         base_motion: the motion of the base; None where it rests at the origin.
-        needed: names of the inputs that the outputs need.
-        vectors_given: forces and torques by input name: a value, and its name for messages.
+        needed_inputs: names of the inputs that the outputs need.
+        labelled_loads: forces and torques by input name: a value, and its name for messages.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it and the joint.
@@ -68,30 +68,31 @@ def read_arguments(
     for name, value in coordinates.items():
         if value is None:
             raise ArgumentError(name, "values of the joints, since the method needs them", None)
-    base = _base_arrays(base_motion, needed)
-    loads = {label: value for value, label in vectors_given.values() if is_foreign(value)}
-    motion = {f"base_motion.{BASE_ATTRIBUTES[name]}": value for name, value in base.items()}
+    base = _base_arrays(base_motion, needed_inputs)
+    loads = {label: value for value, label in labelled_loads.values() if is_foreign(value)}
+    motion = {f"base_motion.{ATTRIBUTE_BY_BASE_INPUT[name]}": value for name, value in base.items()}
     library = common_library({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
     for name, value in coordinates.items():
-        parts[name], shapes[name] = read_coordinates(name, value, names, library)
+        parts[name], shapes[name] = read_coordinates(name, value, joint_names, library)
     if base_motion is not None:
         parts |= base
         shapes["base_motion"] = base_motion.shape
-    for name, (value, label) in vectors_given.items():
+    for name, (value, label) in labelled_loads.items():
         parts[name], shapes[label] = _read_vector(label, value)
     return InputValues(parts, shapes, library)
 
 
-def common_library(given: Mapping[str, Any]) -> Library | None:
-    """Return the library whose arrays the arguments are, or None for NumPy; values by joint are examined too.
+def common_library(arguments: Mapping[str, Any]) -> Library | None:
+    """Return the library whose arrays some arguments are, or None for NumPy; values in a dict by joint are examined
+    too.
 
     Raises:
         ArgumentError: they are arrays of two libraries; names one of them.
     """
     leaves: dict[str, Any] = {}
-    for name, value in given.items():
+    for name, value in arguments.items():
         if isinstance(value, Mapping):
             leaves |= {f"{name}[{joint!r}]": one for joint, one in value.items()}
         else:
@@ -102,57 +103,63 @@ def common_library(given: Mapping[str, Any]) -> Library | None:
 
 
 def read_coordinates(
-    name: str, value: Any, names: tuple[str, ...], library: Library | None
+    name: str, value: Any, joint_names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
-    """Check coordinates, and return them in the form that programs take, with the shape of their samples.
+    """Check the argument q, qd, qdd or tau, and return its values and the shape of its samples. The values are an
+    array with one column for each joint, or a tuple of one component for each joint.
 
     Args:
         name: name of the argument: q, qd, qdd or tau.
         value: one array, a table, or values by the joint's name.
-        names: names of the joints with a coordinate, in order.
+        joint_names: names of the joints with a coordinate, in order.
         library: library of the arrays that are not NumPy's.
 
     Raises:
         ArgumentError: the value cannot be used; the error names the argument and the joint.
     """
     if is_table(value):
-        columns = coordinate_columns(name, value, names)
-        value = dict(zip(names, columns.values(), strict=True))
+        columns = coordinate_columns(name, value, joint_names)
+        value = dict(zip(joint_names, columns.values(), strict=True))
     if isinstance(value, Mapping):
-        return _read_by_joint(name, value, names)
+        return _read_by_joint(name, value, joint_names)
     if library is not None and is_foreign(value):
-        check_sample_shape(name, value, len(names))
-        return tuple(value[..., k] for k in range(len(names))), tuple(value.shape[:-1])
+        check_sample_shape(name, value, len(joint_names))
+        return tuple(value[..., k] for k in range(len(joint_names))), tuple(value.shape[:-1])
     try:
-        array = vectors(name, value, len(names))
+        array = vectors(name, value, len(joint_names))
     except ShapeError as error:
-        expected = f"{error.expected}, a column for each of {_joint_list(names)}"
-        if isinstance(value, tuple | list) and len(value) == len(names):
+        expected = f"{error.expected}, a column for each of {_joint_list(joint_names)}"
+        if isinstance(value, tuple | list) and len(value) == len(joint_names):
             expected += " (numbers and arrays that broadcast: a dict by the joints' names)"
         raise ShapeError(name, expected, error.got) from None
     return array, array.shape[:-1]
 
 
-def coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return a table's columns of coordinates, derivatives or efforts, in the order of q."""
+def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table (such as a DataFrame) that hold q, qd, qdd or tau, by column name, in the order
+    of q.
+    """
     endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
-    families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
-    return columns_by_name(name, table, families, last_family=names)
+    families = [tuple(f"{joint}{ending}" for joint in joint_names) for ending in endings]
+    return columns_by_name(name, table, families, last_family=joint_names)
 
 
-def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
-    """Check values by joint, and return them in the order of q, with the shape of their samples."""
-    for joint in value:
-        if joint not in names:
-            known = choices(names) if names else "no joint, since none moves"
-            raise ArgumentError(name, known + nearest(str(joint), names), quoted(joint))
-    for joint in names:
-        if joint not in value:
+def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
+    """Check a dict of values by joint; return the values as a tuple in the order of q, and the shape of their
+    samples.
+    """
+    for joint in values:
+        if joint not in joint_names:
+            known = choices(joint_names) if joint_names else "no joint, since none moves"
+            raise ArgumentError(name, known + nearest(str(joint), joint_names), quoted(joint))
+    for joint in joint_names:
+        if joint not in values:
             raise ArgumentError(f"{name}[{joint!r}]", "a number or an array", "none")
     parts = tuple(
-        value[joint] if is_foreign(value[joint]) else component(f"{name}[{joint!r}]", value[joint]) for joint in names
+        values[joint] if is_foreign(values[joint]) else component(f"{name}[{joint!r}]", values[joint])
+        for joint in joint_names
     )
-    shapes = {f"{name}[{joint!r}]": tuple(np.shape(part)) for joint, part in zip(names, parts, strict=True)}
+    shapes = {f"{name}[{joint!r}]": tuple(np.shape(part)) for joint, part in zip(joint_names, parts, strict=True)}
     return parts, broadcast_shape(shapes)
 
 
@@ -161,26 +168,28 @@ def _joint_list(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... ({len(names)} joints)"
 
 
-def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[str, Any]:
-    """Return the needed arrays of the base's motion; a base without any rates is at rest."""
+def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
+    """Return the needed arrays of the base's motion by input name; the rates of a base without any are left out. The
+    dict is empty for a base at the origin (None).
+    """
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
     arrays = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
-    for name in needed:
-        if name in BASE_ATTRIBUTES and not (at_rest and name in _BASE_RATES):
-            letter = BASE_ATTRIBUTES[name]
+    for name in needed_inputs:
+        if name in ATTRIBUTE_BY_BASE_INPUT and not (at_rest and name in _BASE_RATE_INPUTS):
+            letter = ATTRIBUTE_BY_BASE_INPUT[name]
             arrays[name] = getattr(base_motion, letter)
             if arrays[name] is None:
-                wanted = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
-                raise ArgumentError(f"base_motion.{letter}", wanted, None)
+                expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
+                raise ArgumentError(f"base_motion.{letter}", expected, None)
     return arrays
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Check a force or a torque, and return it with its leading shape; the number 0 means none."""
+    """Check a force or a torque; return it and its leading shape. The number 0 becomes three zeros."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
     if is_foreign(value):
@@ -191,7 +200,7 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Check the argument `wrenches`, and return (force, torque) by link.
+    """Check the argument `wrenches`, and return a dict of (force, torque) by link, which is empty for None.
 
     Raises:
         ArgumentError: an unknown link, or no pair of vectors; the error names it.
@@ -209,8 +218,8 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[An
     return {link: (value[0], value[1]) for link, value in wrenches.items()}
 
 
-def check_out_names(out: Any, outputs: Sequence[str]) -> None:
-    """Check that all arrays to write into belong to outputs.
+def check_out_names(out: Any, output_names: Sequence[str]) -> None:
+    """Check that the argument `out` is None or a dict whose keys are names of outputs; raise an ArgumentError if not.
 
     Raises:
         ArgumentError: names the output.
@@ -220,5 +229,5 @@ def check_out_names(out: Any, outputs: Sequence[str]) -> None:
     if not isinstance(out, Mapping):
         raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
     for name in out:
-        if name not in outputs:
-            raise ArgumentError("out", f"arrays by names out of {', '.join(outputs)}", quoted(name))
+        if name not in output_names:
+            raise ArgumentError("out", f"arrays by names out of {', '.join(output_names)}", quoted(name))

@@ -30,7 +30,7 @@ BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 def tree_of_pairs(
     pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
 ) -> Tree:
-    """Return the tree of a robot that is given as hinges and sliders.
+    """Return the tree of a robot that is given as hinges and sliders; check the arguments.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
@@ -56,7 +56,8 @@ def tree_of_urdf(
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return the tree of a Pinocchio model, and the kind of its base ("free" if the model has a free-flyer).
+    """Return the tree of a Pinocchio model, and the kind of its base: `base`, or by default "free" with a free-flyer
+    and "fixed" without.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
@@ -68,7 +69,7 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
 
 
 def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
-    """Return a joint as a pair between the frames of the two bodies that it connects.
+    """Return a joint as a HingePair or Slider between the frames of the two bodies that it connects.
 
     A body has mass properties in the pair where a rigid body can have them.
     """

@@ -21,16 +21,14 @@ from hingepair.plans.trees import Form
 
 Exact: TypeAlias = list[Fraction]
 
-_FOLDABLE_NUMBERS: Final = {0.0, 1.0, -1.0}  # which become part of a program
-_MIN_PIVOT: Final = 1e-300  # [kg or kg m^2] threshold of a pivot for a joint that carries no mass
-_PIVOT_TOLERANCE: Final = 64 * 2.0**-53
+_FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
+_MIN_PIVOT_THRESHOLD: Final = 1e-300  # [kg or kg m^2] threshold of a pivot for a joint that carries no mass
+_RELATIVE_PIVOT_TOLERANCE: Final = 64 * 2.0**-53
 """Share of the inertia of all bodies beyond a joint below which a pivot is rounding."""
-_PRODUCT_TOLERANCE: Final = 16 * 2.0**-53
+_OBLIQUE_AXES_ERROR: Final = 16 * 2.0**-53
 """Rounding error of oblique axes and of products with them, over the largest entry."""
-_POSE_NUMBER_COUNT: Final = 12  # numbers of a joint before its masses: S and u
-_ROTOR_NUMBER_COUNT: Final = 4  # numbers of a joint behind its masses: armature, multiplier, offset, pivot threshold
 # Axes of a program by the joint's axis, where they permute those of the body.
-_PERMUTED_AXES: Final = {  # columns of the body's axes: x, y and z of the program's axes
+_PERMUTED_AXES_BY_JOINT_AXIS: Final = {  # columns of the body's axes: x, y and z of the program's axes
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     (0.0, 1.0, 0.0): ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     (0.0, 0.0, 1.0): ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -67,37 +65,40 @@ class RobotConstants:
 
 
 def robot_constants(tree: Tree, free: bool) -> RobotConstants:
-    """Compute the constants of a robot; the mass of the base counts only if the base is free."""
+    """Compute the constants of a robot's generated programs; the mass of the base counts only if the base is free."""
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
     oblique = [bool((np.count_nonzero(value, axis=0) > 1).any()) for value in axes]
-    smallest = _smallest_pivots(tree, axes)
+    thresholds = _pivot_thresholds(tree, axes)
     numbers = _rounded_numbers(moments[0])
     bounds = _mass_bounds(numbers, any(oblique))
     for k, joint in enumerate(tree.joints, 1):
         back = axes[joint.parent].T
         S, u = _matrix_product(back, _matrix_product(joint.S, axes[k])), _matrix_product(back, joint.u)
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
-        place, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
-        numbers += [*place, *masses, joint.armature, multiplier, offset, smallest[k]]
+        pose, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
+        numbers += [*pose, *masses, joint.armature, multiplier, offset, thresholds[k]]
         turned = oblique[k] or oblique[joint.parent]
-        bounds += [_PRODUCT_TOLERANCE * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0] * len(place)
+        pose_bound = _OBLIQUE_AXES_ERROR * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
+        bounds += [pose_bound] * len(pose)
         bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
-    known, parameters = split_numbers(numbers)
-    kept = tuple(bound for bound, one in zip(bounds, known, strict=True) if one is None)
+    folded, parameters = split_numbers(numbers)
+    parameter_bounds = tuple(bound for bound, one in zip(bounds, folded, strict=True) if one is None)
     form = Form(
         _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
         tuple(joint.kind == "slider" for joint in tree.joints),
         _columns_of_joints(tree),
-        known,
+        folded,
     )
     by_column = np.zeros(form.dof)
-    for joint, column, value in zip(tree.joints, form.columns, smallest[1:], strict=True):
+    for joint, column, value in zip(tree.joints, form.columns, thresholds[1:], strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += value * ratio * ratio
     names = tuple(joint.name for joint in tree.coordinates)
-    return RobotConstants(form, names, parameters, kept, read_only(by_column), tuple(map(read_only, axes)))
+    return RobotConstants(
+        form, names, parameters, parameter_bounds, read_only(by_column), tuple(map(read_only, axes))
+    )
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
@@ -109,11 +110,12 @@ def program_numbers(constants: RobotConstants) -> list[float]:
 def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
     """Return the exact masses and moments at their positions among a robot's numbers; 0 at all others."""
     axes = _axes_of_bodies(tree)
-    return _numbers_with_zeros(_shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free)))
+    return _padded_mass_numbers(_shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free)))
 
 
 def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
-    """Compute the exact derivatives of a robot's numbers by the mass properties of a payload in a frame (T9).
+    """Return the exact derivatives of a robot's numbers by the ten mass properties of a payload in a frame, as ten
+    rows (T9).
 
     The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
     about the frame's origin, in the frame's axes. The numbers are linear in them.
@@ -132,7 +134,7 @@ def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fract
             moments[frame.body] = _moments_of_payload(
                 _exact(frame.R), _exact(frame.S), _exact(axes[frame.body]), unit
             )
-        rows.append(_numbers_with_zeros(_shift_to_parents(tree, axes, moments)))
+        rows.append(_padded_mass_numbers(_shift_to_parents(tree, axes, moments)))
     return rows
 
 
@@ -143,14 +145,16 @@ def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
 
 
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Split numbers into those that programs fold (None stands for the others) and the other numbers."""
+    """Split numbers into two tuples: all of them, with None for those that programs do not fold, and these others
+    alone. Programs fold 0, 1 and -1.
+    """
     all_of = [number + 0.0 for number in numbers]  # no -0.0
-    known = tuple(number if number in _FOLDABLE_NUMBERS else None for number in all_of)
-    return known, tuple(number for number in all_of if number not in _FOLDABLE_NUMBERS)
+    known = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_of)
+    return known, tuple(number for number in all_of if number not in _FOLDED_CONSTANT_VALUES)
 
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
-    """Return the column in q of every joint; that of its leader for a mimic joint."""
+    """Return for every joint the index of its column in q, in a tuple; a mimic joint has the column of its leader."""
     places, column = {}, 0
     for number, joint in enumerate(tree.joints, 1):
         if joint.mimic is None:
@@ -178,8 +182,8 @@ def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation whose third column is a unit axis; a permutation for axes along x, y or z."""
     size = tuple(np.abs(n).tolist())
-    if size in _PERMUTED_AXES:
-        columns = np.array(_PERMUTED_AXES[size], float).T
+    if size in _PERMUTED_AXES_BY_JOINT_AXIS:
+        columns = np.array(_PERMUTED_AXES_BY_JOINT_AXIS[size], float).T
         if n.sum() < 0:  # turned by pi about the new x axis
             columns = columns * (1.0, -1.0, -1.0)
         return columns + 0.0
@@ -201,13 +205,13 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 class _MassMoments:
-    """Exact mass m, first moment h and second moment N of a body about its reference point, in program's axes."""
+    """Exact mass m, first moment h and second moment N of a body about its reference point, in the program's axes."""
 
     def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
         self.m, self.h, self.N = m, h, N
 
     def add(self, m: Fraction, h: Exact, N: Exact) -> None:
-        """Add the mass and the moments of further matter."""
+        """Add the mass and the moments of further matter to this object."""
         self.m += m
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
@@ -246,7 +250,9 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 def _shift_to_parents(
     tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Shift the moments that do not depend on a joint's position from its body to the parent (T9)."""
+    """Shift the moments that do not depend on a joint's position from its body to the parent (T9). The list is
+    changed in place and returned.
+    """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]
         S = _exact(_matrix_product(axes[joint.parent].T, _matrix_product(joint.S, axes[k])))
@@ -270,19 +276,20 @@ def _shift_to_parents(
     return moments
 
 
-def _ten_numbers(own: _MassMoments) -> Exact:
+def _ten_numbers(moments: _MassMoments) -> Exact:
     """Return mass, first moment and second moment as ten numbers."""
-    N = own.N
-    return [own.m, *own.h, N[0], N[1], N[2], N[4], N[5], N[8]]
+    N = moments.N
+    return [moments.m, *moments.h, N[0], N[1], N[2], N[4], N[5], N[8]]
 
 
-def _rounded_numbers(own: _MassMoments) -> list[float]:
-    return [float(x) for x in _ten_numbers(own)]
+def _rounded_numbers(moments: _MassMoments) -> list[float]:
+    return [float(x) for x in _ten_numbers(moments)]
 
 
-def _numbers_with_zeros(moments: Sequence[_MassMoments]) -> Exact:
-    """Return the moments of all bodies at their positions among a robot's numbers; 0 at all others."""
-    before, behind = [Fraction(0)] * _POSE_NUMBER_COUNT, [Fraction(0)] * _ROTOR_NUMBER_COUNT
+def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
+    """Return all bodies' mass numbers at their positions among a robot's numbers, in a list; 0 at all others."""
+    before = [Fraction(0)] * 12  # in the place of S and u
+    behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
     joints = (part for body_moments in moments[1:] for part in (*before, *_ten_numbers(body_moments), *behind))
     return [*_ten_numbers(moments[0]), *joints]
 
@@ -312,12 +319,13 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
     """Bound the rounding errors of a body's ten numbers, larger if axes are oblique and thus rounded."""
-    size = _PRODUCT_TOLERANCE * max(map(abs, numbers)) if oblique else 0.0
+    size = _OBLIQUE_AXES_ERROR * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 
-def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Return for every joint the size below which a pivot D is rounding (T5); 0 if D cannot be that small.
+def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
+    """Return for the base and every joint the size below which a pivot D is rounding (T5); 0 if D cannot be that
+    small.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.
@@ -336,9 +344,9 @@ def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[fl
         reach = float(np.abs(joint.u).sum())
         if slides and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
-        smallest = _PIVOT_TOLERANCE * (mass[k] if slides else spread[k])
+        smallest = _RELATIVE_PIVOT_TOLERANCE * (mass[k] if slides else spread[k])
         own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
-        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, _MIN_PIVOT)
+        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, _MIN_PIVOT_THRESHOLD)
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach

@@ -16,21 +16,32 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.arguments import BASE_AT_REST, BASE_ATTRIBUTES, ZERO_BASE_LOADS, InputValues, check_out_names
+from hingepair.mechanism.arguments import (
+    ATTRIBUTE_BY_BASE_INPUT,
+    RESTING_BASE_INPUTS,
+    ZERO_BASE_LOAD_INPUTS,
+    InputValues,
+    check_out_names,
+)
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, inputs_of, request_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
 
-MASSLESS_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
+MASS_INDEPENDENT_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
 
 
 # Shapes of one sample of the inputs that describe the base.
-_BASE_SHAPES: Final = {**dict.fromkeys(BASE_ATTRIBUTES, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
+_SHAPE_BY_BASE_INPUT: Final = {
+    **dict.fromkeys(ATTRIBUTE_BY_BASE_INPUT, (3,)),
+    "S1": (3, 3),
+    "force1": (3,),
+    "torque1": (3,),
+}
 # Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
-_ATTITUDE_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
+_ATTITUDE_LIMIT_BY_ITEMSIZE: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
 _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
 
@@ -42,7 +53,7 @@ class RobotComputation:
         outputs: names out of `plans.trees.OUTPUTS`.
         free: whether forces move the base.
         frames: frames whose motion is computed, and frames on which wrenches act.
-        loaded: indices of the frames on which wrenches act.
+        loaded_frames: indices of the frames on which wrenches act.
         result: class of the result; None to return the only output as a bare array.
 
     Attributes:
@@ -60,37 +71,47 @@ class RobotComputation:
         outputs: tuple[str, ...],
         free: bool,
         frames: tuple[Frame, ...],
-        loaded: tuple[int, ...],
+        loaded_frames: tuple[int, ...],
         result: type[Results] | None,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         known, parameters = split_numbers(numbers)
         self.form: Form = constants.form
-        self.request = Request(outputs, free, tuple(frame.body for frame in frames), known, loaded)
+        self.request = Request(outputs, free, tuple(frame.body for frame in frames), known, loaded_frames)
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
         self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
         self.inputs = inputs_of(self.form, self.request)
-        self.needs_masses = any(name not in MASSLESS_OUTPUTS for name in outputs)
+        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUTS for name in outputs)
         self.result = result
         self._calls: dict[Any, Call] = {}
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return all inputs by name; by default the base rests and no load acts."""
-        assumed = {**BASE_AT_REST, **ZERO_BASE_LOADS, "gravity": gravity, "constants": self.parameters}
+        assumed = {**RESTING_BASE_INPUTS, **ZERO_BASE_LOAD_INPUTS, "gravity": gravity, "constants": self.parameters}
         return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
 
-    def call(self, given: tuple[str, ...], gravity: tuple[float, ...], backend: str, checked: bool = False) -> Call:
-        """Return the cached call for arguments of these names; if `checked`, it refuses an S1 that is no rotation."""
-        key = given, gravity, backend, checked
+    def call(
+        self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
+    ) -> Call:
+        """Return the call for arguments of these names, made at its first use. With `check_attitude`, the call
+        refuses an S1 that is no rotation.
+        """
+        key = argument_names, gravity, backend, check_attitude
         call = self._calls.get(key)
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
-            check = {"attitude_check": _ATTITUDE_LIMITS} if checked and "S1" in given else {}
+            has_check = check_attitude and "S1" in argument_names
+            check = {"attitude_check": _ATTITUDE_LIMIT_BY_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
-            assumed = {**BASE_AT_REST, **ZERO_BASE_LOADS, "gravity": gravity, "constants": self.parameters}
-            constants = {name: assumed[name] for name, _ in loop.inputs if name not in given}
-            shapes = {name: _BASE_SHAPES.get(name, (self.form.dof,)) for name in given}
-            shapes |= {name: tail for name, tail in loop.inputs if name in given}
+            assumed = {
+                **RESTING_BASE_INPUTS,
+                **ZERO_BASE_LOAD_INPUTS,
+                "gravity": gravity,
+                "constants": self.parameters,
+            }
+            constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
+            shapes = {name: _SHAPE_BY_BASE_INPUT.get(name, (self.form.dof,)) for name in argument_names}
+            shapes |= {name: tail for name, tail in loop.inputs if name in argument_names}
             call = Call(
                 loop, shapes, constants, self.result, backend=backend, constants_name="robot",
                 limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
@@ -101,15 +122,21 @@ class RobotComputation:
         return call
 
     def run(
-        self, values: InputValues, gravity: tuple[float, ...], out: Out, execution: Execution, checked: bool = False
+        self,
+        values: InputValues,
+        gravity: tuple[float, ...],
+        out: Out,
+        execution: Execution,
+        check_attitude: bool = False,
     ) -> Any:
-        """Return the outputs at all samples; further arguments are those of `call`.
+        """Compute the outputs at all samples, and return them as a result, or the only one as a bare array; write
+        into `out`.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         check_out_names(out, self.request.outputs)
-        call = self.call(tuple(values.parts), gravity, execution.backend, checked)
+        call = self.call(tuple(values.parts), gravity, execution.backend, check_attitude)
         if values.library is not None:
             return call.run_foreign(values.parts, values.shapes, values.library, out, execution.workers)
         try:
@@ -119,19 +146,20 @@ class RobotComputation:
                 raise
             raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
 
-    def count_operations(self, given: Mapping[str, Any] | None = None) -> OperationCounts:
-        """Count the operations that are left of the program, and those of the program without known inputs.
+    def count_operations(self, known_inputs: Mapping[str, Any] | None = None) -> OperationCounts:
+        """Count the operations of the program with known inputs left out, and those of the program without known
+        inputs.
 
         Args:
-            given: arguments by input name, of which numbers are known; arrays of samples unless given.
+            known_inputs: arguments by input name, of which numbers are known; arrays of samples unless given.
         """
         loop = request_loop(self.form, self.request)
         many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         full = loop.program(bind(loop.inputs, many).pattern)
         known = {
             **many,
-            **{name: value for name, value in BASE_AT_REST.items() if name in many},
+            **{name: value for name, value in RESTING_BASE_INPUTS.items() if name in many},
             "constants": self.parameters,
-            **{name: value for name, value in (given or {}).items() if name in many},
+            **{name: value for name, value in (known_inputs or {}).items() if name in many},
         }
         return loop.program(bind(loop.inputs, known).pattern).count_operations(full)

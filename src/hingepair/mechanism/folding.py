@@ -16,7 +16,7 @@ import numpy as np
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.shapes import body_drawing
-from hingepair.mechanism.tree import ZERO_MASS, Frame, Joint, MassProperties, Mimic, Tree
+from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
@@ -71,7 +71,8 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the tree of the joints that move; fixed and locked joints are merged into their bodies.
+    """Return the tree of the joints that move; fixed and locked joints are merged into their bodies. Warn of joints
+    that are locked beyond their limits.
 
     Args:
         name: name of the robot.
@@ -85,17 +86,23 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     """
     rules = _joint_rules(parts, _locked_positions(parts, locked))
     moving = [part for part in parts if not isinstance(rules[part.name], float)]
-    numbers = {part.name: number for number, part in enumerate(moving, 1)}
+    body_numbers = {part.name: number for number, part in enumerate(moving, 1)}
     with np.errstate(all="ignore"):  # numbers that overflow are refused below
-        body_poses = _body_poses(parts, rules, numbers)
+        body_poses = _body_poses(parts, rules, body_numbers)
         inertias: list[dict[str, Inertia]] = [{} for _ in range(len(moving) + 1)]
         for part, (body, pose) in zip(parts, body_poses, strict=True):
             inertias[body] |= {link: inertia.placed(pose) for link, inertia in part.inertias.items()}
         joints = tuple(
-            _tree_joint(part, *body_poses[part.parent], mass_properties(inertias[numbers[part.name]]), numbers, rules)
+            _tree_joint(
+                part,
+                *body_poses[part.parent],
+                mass_properties(inertias[body_numbers[part.name]]),
+                body_numbers,
+                rules,
+            )
             for part in moving
         )
-        links, frames = _frames_by_name(parts, body_poses, numbers)
+        links, frames = _links_and_frames(parts, body_poses, body_numbers)
         base_masses = mass_properties(inertias[0])
         drawings = tuple(
             body_drawing(
@@ -114,13 +121,14 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Check the positions of locked joints, and return them; warn of positions beyond the joints' limits."""
+    """Check the positions of locked joints, and return them by name; warn of positions beyond the joints' limits."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
-    known = [part.name for part in parts if part.kind != "fixed"]
+    joint_names = [part.name for part in parts if part.kind != "fixed"]
     for joint in locked or ():
-        if joint not in known:
-            expected = choices(known) + nearest(str(joint), known) if known else "no joint, since none moves"
+        if joint not in joint_names:
+            known = choices(joint_names) + nearest(str(joint), joint_names)
+            expected = known if joint_names else "no joint, since none moves"
             raise ArgumentError("locked", expected, quoted(joint))
     positions = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
     for part in parts:
@@ -134,11 +142,15 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return the rule of each joint by name; a follower of a follower follows the last leader."""
+    """Return by name whether each joint is held (its position), follows another (a record) or moves by itself (None).
+    A follower of a follower follows the last leader.
+    """
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
-        """Return the rule of one joint, from the composition of those of its leaders."""
+        """Return whether one joint is held, follows another or moves by itself, from the composition of its leaders'
+        rules.
+        """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
             if part.name in positions or part.kind == "fixed":
@@ -158,9 +170,11 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 
 
 def _body_poses(
-    parts: Sequence[JointPart], rules: Mapping[str, JointRule], numbers: Mapping[str, int]
+    parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return for each part the number of its body, and its pose in that body."""
+    """Return a list of (number of the body, pose in that body) for the parts; parts that do not move belong to a
+    carrier's body.
+    """
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
         rule = rules[part.name]
@@ -168,7 +182,7 @@ def _body_poses(
             body, pose = body_poses[part.parent] if body_poses else (0, HERE)
             body_poses.append((body, pose.placed(part.pose.placed(_displacement(part, rule)))))
         else:
-            body_poses.append((numbers[part.name], HERE))
+            body_poses.append((body_numbers[part.name], HERE))
     return body_poses
 
 
@@ -185,19 +199,19 @@ def _displacement(part: JointPart, position: float) -> FramePose:
 
 def _tree_joint(
     part: JointPart,
-    parent: int,
-    pose: FramePose,
+    parent_body: int,
+    carrier_pose: FramePose,
     masses: MassProperties,
-    numbers: Mapping[str, int],
+    body_numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
 ) -> Joint:
-    """Return a part as a joint of the tree; `pose` is that of the carrying part in the body `parent`."""
-    frame = _frame_in_body(f"joint {part.name!r}", parent, pose.placed(part.pose))
+    """Return a moving part as a joint of the tree; `carrier_pose` is the pose of the carrying part in its body."""
+    frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
     return Joint(
         part.name,
         "hinge" if part.kind == "hinge" else "slider",
-        parent,
+        parent_body,
         u=frame.R,
         S=frame.S,
         n=read_only(part.axis + 0.0),
@@ -206,18 +220,18 @@ def _tree_joint(
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
         armature=part.armature,
-        mimic=Mimic(numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
+        mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
     )
 
 
-def _frames_by_name(
-    parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], numbers: Mapping[str, int]
+def _links_and_frames(
+    parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
-    """Return the frames of links, and further frames: those of folded joints and those of parts."""
+    """Return two dicts of frames by name: those of links, and further ones, of folded joints and of parts."""
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
     for part, (body, pose) in zip(parts, body_poses, strict=True):
-        if part.parent >= 0 and part.name not in numbers:
+        if part.parent >= 0 and part.name not in body_numbers:
             frames[part.name] = _frame_in_body(f"joint {part.name!r}", body, pose)
         links |= {
             name: _frame_in_body(f"link {name!r}", body, pose.placed(pose_in_part))
@@ -230,18 +244,20 @@ def _frames_by_name(
     return links, frames
 
 
-def _frame_in_body(what: str, body: int, pose: FramePose) -> Frame:
-    """Return the frame of a pose in a body; refuse numbers that have overflowed."""
+def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
+    """Return the frame of a pose in a body; raise an ArgumentError that names the label where numbers overflowed."""
     if not all(np.isfinite(values).all() for values in pose):
-        raise ArgumentError(what, "a position that does not overflow", "numbers that overflow")
-    return Frame(body, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
+        raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")
+    return Frame(body_number, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the mass properties of one body as the sum of those of its links, which are given by name."""
+    """Return the sum of the mass properties of links, given by name, as those of one body. Raise an ArgumentError
+    where the sum overflows.
+    """
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
-        return ZERO_MASS
+        return ZERO_MASS_PROPERTIES
     mass, centre, tensor = combined(heavy.values())
     if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
         links = ", ".join(map(repr, heavy))

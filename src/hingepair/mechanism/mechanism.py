@@ -21,9 +21,8 @@ from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 
-_ARMATURE_HEADING = "armature"  # of the column that robots with rotors have in addition
 # Headings of the printed table of joints.
-_TABLE_HEADINGS = (
+_JOINT_TABLE_HEADINGS = (
     "joint",
     "kind",
     "carried by",
@@ -94,7 +93,7 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from URDF.
+        """Read a robot from URDF, and return it as a Mechanism.
 
         Revolute and continuous joints are hinges, prismatic ones sliders; fixed joints are folded into the links that
         carry them, masses included; a mimic joint follows its leader. Masses are taken as they are written, those too
@@ -124,7 +123,7 @@ class Mechanism(MechanismMethods):
     def from_pinocchio(
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
-        """Return the robot of a Pinocchio model, for example one that Pinocchio has read from MJCF.
+        """Return the robot of a Pinocchio model as a Mechanism, for example one that Pinocchio has read from MJCF.
 
         Inertias of rotors (`model.armature`) count as they do in Pinocchio: in forces, the mass matrix, forward
         dynamics and kinetic energy (where Pinocchio 4.1 leaves out those of oblique hinges). As in Pinocchio's own
@@ -285,10 +284,12 @@ class Mechanism(MechanismMethods):
         return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, 10}), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the table of the moving joints: title, rows and notes."""
+        """Return the printed table of the moving joints: title, rows and notes; robots with rotors have a column of
+        armatures.
+        """
         joints = self.tree.joints
         geared = any(joint.armature for joint in joints)
-        rows: list[tuple[str, ...]] = [(*_TABLE_HEADINGS, _ARMATURE_HEADING) if geared else _TABLE_HEADINGS]
+        rows: list[tuple[str, ...]] = [(*_JOINT_TABLE_HEADINGS, "armature") if geared else _JOINT_TABLE_HEADINGS]
         for joint in joints:
             rule = joint.mimic
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))

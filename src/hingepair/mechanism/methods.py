@@ -18,8 +18,9 @@ from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.mechanism.prepare import SINGLE_ARRAY_OUTPUTS, PreparedMechanism, checked_given
+from hingepair.mechanism.prepare import PreparedMechanism, checked_given
 from hingepair.mechanism.states import (
+    FRAME_MOTION_OUTPUTS,
     JointResults,
     MechanismAccelerations,
     MechanismForces,
@@ -40,26 +41,34 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
 # Outputs of motion at the levels of pose, velocity and acceleration.
-_OUTPUTS_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
-_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
-_ONE_FRAME_OUTPUTS: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
-_FRAME_MOTION_OUTPUTS = tuple(name for level in _OUTPUTS_BY_LEVEL for name in level)  # of all levels
-_FORCE_OUTPUTS = ("tau", "force1", "torque1")  # of inverse dynamics
-_RESULT_CLASSES: Final[Mapping[str, type[JointResults]]] = {
-    **dict.fromkeys(_FORCE_OUTPUTS, MechanismForces),
+_MOTION_OUTPUTS_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
+_SINGLE_FRAME_OUTPUTS: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
+_INVERSE_DYNAMICS_OUTPUTS = ("tau", "force1", "torque1")  # of inverse dynamics
+_RESULT_CLASS_BY_OUTPUT: Final[Mapping[str, type[JointResults]]] = {
+    **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUTS, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
-_UNWRAPPED_OUTPUTS: Final = (
-    *SINGLE_ARRAY_OUTPUTS,
+_PREPARABLE_ARRAY_OUTPUTS: Final = (
+    "jacobian",
+    "acceleration_bias",
+    "mass_matrix",
+    "bias_forces",
+    "gravity_forces",
+)
+"""Outputs of methods that return a bare array, which `prepare` takes too."""
+_BARE_ARRAY_OUTPUTS: Final = (
+    *_PREPARABLE_ARRAY_OUTPUTS,
     "centre_of_mass",
     "centre_of_mass_jacobian",
     "centre_of_mass_bias",
 )
 """Outputs that are returned as bare arrays if they are the only output."""
 _BOUNDED_OUTPUTS: Final = (
-    *_FORCE_OUTPUTS,
-    *_UNWRAPPED_OUTPUTS,
+    *FRAME_MOTION_OUTPUTS,
+    *_INVERSE_DYNAMICS_OUTPUTS,
+    *_BARE_ARRAY_OUTPUTS,
     "qdd",
     "kinetic",
     "potential",
@@ -67,7 +76,7 @@ _BOUNDED_OUTPUTS: Final = (
     "angular_about_origin",
     "angular_about_centre",
 )
-"""Outputs besides motion whose rounding errors `error_bounds` bounds, for any base."""
+"""Outputs whose rounding errors `error_bounds` bounds, for any base."""
 
 
 class MechanismMethods(Shown):
@@ -109,9 +118,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the motion of frames (E2, E5, E7-E9 from joint to joint).
-
-        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
+        """Compute the motion of frames: pose, with `qd` velocities too, with `qdd` accelerations (E2, E5, E7-E9).
 
         Args:
             q: coordinates.
@@ -176,7 +183,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
         (6, 6)
         """
-        computation = self._computation(("jacobian",), self._named_frames("frame", self._single_frame_name(frame)))
+        computation = self._computation(("jacobian",), self._named_frames("frame", self._frame_or_only_tip(frame)))
         return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
 
     def acceleration_bias(
@@ -201,7 +208,7 @@ class MechanismMethods(Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
         computation = self._computation(
-            ("acceleration_bias",), self._named_frames("frame", self._single_frame_name(frame))
+            ("acceleration_bias",), self._named_frames("frame", self._frame_or_only_tip(frame))
         )
         return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
@@ -219,7 +226,7 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Bound the rounding error of each output at every sample.
+        """Compute rigorous bounds on the rounding error of each output at every sample; return them by output name.
 
         The error is the difference from the exact result of the equations for the given coordinates and the joints
         and bodies of `tree`. The bounds are rigorous for both backends if sines and cosines are accurate to 1.5 units
@@ -252,21 +259,25 @@ class MechanismMethods(Shown):
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         coordinates |= {} if tau is None else {"tau": tau}
-        acting = self._loads_on_base(force1, torque1)
-        if holds_dask(coordinates, base_motion, acting):
+        labelled_loads = self._loads_on_base(force1, torque1)
+        if holds_dask(coordinates, base_motion, labelled_loads):
             dof = (len(self._constants.names),)
-            tails = {**dict.fromkeys(coordinates, dof), **dict.fromkeys(acting, (3,)), "base_motion": SAMPLE_SHAPES}
+            tails = {
+                **dict.fromkeys(coordinates, dof),
+                **dict.fromkeys(labelled_loads, (3,)),
+                "base_motion": SAMPLE_SHAPES,
+            }
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
-            loads = {name: value for name, (value, _) in acting.items()}
+            loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return over_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        known = (*_FRAME_MOTION_OUTPUTS, *_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
+        accepted_names = (*_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
-        names = self._requested_outputs(outputs, level, None, known)
+        names = self._requested_outputs(outputs, level, None, accepted_names)
         computation = self._computation(names, self._named_frames("frames", frames))
         self._check_needed_inputs(computation, coordinates, names)
         values = read_arguments(
-            self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, acting
+            self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
         )
         return error_bounds(computation, values, _checked_gravity(gravity))
 
@@ -314,11 +325,11 @@ class MechanismMethods(Shown):
         (6,)
         """
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        names = _checked_outputs(outputs, out, _FORCE_OUTPUTS)
-        acting, frames = self._wrench_inputs(wrenches)
-        computation = self._computation(names, frames, len(acting) // 2)
+        names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUTS)
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        computation = self._computation(names, frames, len(labelled_loads) // 2)
         result: MechanismForces = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, acting
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
         )
         return result
 
@@ -338,7 +349,8 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute the accelerations of the robot under given torques and forces (T5, T6).
+        """Compute the accelerations of the robot under given torques and forces (T5, T6). Samples with a singular
+        mass matrix are NaN, with a warning.
 
         Args:
             q: coordinates.
@@ -368,12 +380,12 @@ class MechanismMethods(Shown):
         (6,)
         """
         names = _checked_outputs(outputs, out, ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",))
-        acting, frames = self._wrench_inputs(wrenches)
-        acting |= self._loads_on_base(force1, torque1)
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        labelled_loads |= self._loads_on_base(force1, torque1)
         coordinates = {"q": q, "qd": qd, "tau": tau}
         computation = self._computation(names, frames, len(frames))
         result: MechanismAccelerations = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, acting
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
         )
         self._warn_where_singular(result, q, base_motion)
         return result
@@ -574,7 +586,8 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PreparedMechanism:
-        """Plan, check and compile a call once, for loops over single states or small batches.
+        """Plan, check and compile a call once, and return it as a callable for loops over single states or small
+        batches.
 
         Args:
             given: what is computed: "pose", "velocity" or "acceleration" of frames, "jacobian" or
@@ -605,18 +618,18 @@ class MechanismMethods(Shown):
         (6,)
         """
         names = checked_given(given)
-        wanted = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*_FRAME_MOTION_OUTPUTS, *_ONE_FRAME_OUTPUTS) for name in wanted)
-        chosen = self._named_frames("frames", frames) if framed else {}
-        if len(chosen) != 1 and any(name in _ONE_FRAME_OUTPUTS for name in wanted):
+        output_names = self._prepared_outputs(given, names, outputs)
+        framed = any(name in (*FRAME_MOTION_OUTPUTS, *_SINGLE_FRAME_OUTPUTS) for name in output_names)
+        chosen_frames = self._named_frames("frames", frames) if framed else {}
+        if len(chosen_frames) != 1 and any(name in _SINGLE_FRAME_OUTPUTS for name in output_names):
             raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
-        computation = self._computation(wanted, chosen)
+        computation = self._computation(output_names, chosen_frames)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
         remade = functools.partial(
-            self.prepare, names, frames=tuple(chosen) or None, outputs=wanted, gravity=gravity, workers=workers,
-            backend=backend,
+            self.prepare, names, frames=tuple(chosen_frames) or None, outputs=output_names, gravity=gravity,
+            workers=workers, backend=backend,
         )  # fmt: skip
         joints = self._constants.names
         return PreparedMechanism(
@@ -630,7 +643,8 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the operations for each sample, with these arguments and without known inputs.
+        """Count the arithmetic operations for each sample, with these arguments and without known inputs; nothing is
+        computed.
 
         Numbers among the coordinates by joint are known constants; what follows from them is left out, or computed
         once for all samples.
@@ -655,41 +669,49 @@ class MechanismMethods(Shown):
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
         names = tuple(outputs)
-        moving = names and names[0] in _FRAME_MOTION_OUTPUTS
+        moving = names and names[0] in FRAME_MOTION_OUTPUTS
         computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
         return computation.count_operations(values.parts)
 
     def _prepared_outputs(
-        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
+        self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
-        """Return the names of the outputs that a prepared call computes."""
-        moves = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
+        """Check the argument `outputs` of `prepare`, and return the names of the outputs that the prepared call
+        computes.
+        """
+        acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
             outputs_by_name: dict[str, tuple[str, ...]] = {
-                "inverse_dynamics": _FORCE_OUTPUTS,
-                "forward_dynamics": moves,
+                "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUTS,
+                "forward_dynamics": acceleration_outputs,
             }
-            known = outputs_by_name.get(given, (given,))
+            accepted_names = outputs_by_name.get(given, (given,))
         else:
-            forces = (*_FORCE_OUTPUTS, *moves) if {"tau", "qdd"} & {*names} else ()
-            known = tuple(name for name in forces if name not in names)
-        if given in _LEVEL_NAMES or not isinstance(given, str):
-            level = sum(name in names for name in ("qd", "qdd"))
-            default = tuple(name for outputs_by_name in _OUTPUTS_BY_LEVEL[: level + 1] for name in outputs_by_name)
+            forces = (*_INVERSE_DYNAMICS_OUTPUTS, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
+            accepted_names = tuple(name for name in forces if name not in argument_names)
+        if given in _MOTION_LEVEL_NAMES or not isinstance(given, str):
+            level = sum(name in argument_names for name in ("qd", "qdd"))
+            default_names = tuple(
+                name for outputs_by_name in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in outputs_by_name
+            )
             return _checked_outputs(
                 outputs,
                 None,
-                (*_FRAME_MOTION_OUTPUTS, *known, *(() if isinstance(given, str) else SINGLE_ARRAY_OUTPUTS)),
-                default,
+                (
+                    *FRAME_MOTION_OUTPUTS,
+                    *accepted_names,
+                    *(() if isinstance(given, str) else _PREPARABLE_ARRAY_OUTPUTS),
+                ),
+                default_names,
             )
-        return _checked_outputs(outputs, None, known)
+        return _checked_outputs(outputs, None, accepted_names)
 
     # ---- internal
 
-    def _named_frames(self, name: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Check names of frames, and return the frames by name; by default those of `tree.tips`.
+    def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
+        """Check names of frames, and return the frames by name; by default those of the last links of all branches.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -699,8 +721,8 @@ class MechanismMethods(Shown):
         except TypeError:
             names = ()
         if not names:
-            raise ArgumentError(name, "names of links or joints", quoted(frames))
-        return {one: self._named_frame(name, one) for one in names}
+            raise ArgumentError(argument, "names of links or joints", quoted(frames))
+        return {one: self._named_frame(argument, one) for one in names}
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
         """Return the frame of a link, a joint or a further frame.
@@ -714,8 +736,10 @@ class MechanismMethods(Shown):
             raise ArgumentError(argument, expected, quoted(name))
         return frame
 
-    def _single_frame_name(self, frame: str | None) -> str:
-        """Check the argument `frame`, and return the name; by default that of the only last link."""
+    def _frame_or_only_tip(self, frame: str | None) -> str:
+        """Check the argument `frame`, and return the frame's name. For None, return the robot's only last link, or
+        raise an error if branches have several.
+        """
         if frame is None:
             if len(self.tree.tips) != 1:
                 raise ArgumentError(
@@ -727,30 +751,38 @@ class MechanismMethods(Shown):
         return frame
 
     def _requested_outputs(
-        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _FRAME_MOTION_OUTPUTS
+        self,
+        outputs: Iterable[str] | None,
+        level: int,
+        out: Out,
+        accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUTS,
     ) -> tuple[str, ...]:
-        """Check the argument `outputs`, and return the names; by default all outputs up to a level."""
-        default = tuple(name for names in _OUTPUTS_BY_LEVEL[: level + 1] for name in names)
-        return _checked_outputs(outputs, out, known, default)
+        """Check the argument `outputs`, and return the names to compute. By default these are all outputs of motion
+        up to a level (0 pose, 1 velocity, 2 acceleration), and those in `out`.
+        """
+        default_names = tuple(name for names in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in names)
+        return _checked_outputs(outputs, out, accepted_names, default_names)
 
     def _computation(
-        self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded: int = 0
+        self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
     ) -> RobotComputation:
-        """Return the cached computation of these outputs of the robot."""
+        """Return the computation of these outputs and frames, made at its first use. Wrenches act on the first
+        `loaded_frame_count` frames.
+        """
         names = tuple(frames or ())
-        key = outputs, names, loaded
+        key = outputs, names, loaded_frame_count
         result: RobotComputation | None = self._constants.cache.get(key)
         if result is None:
             kind: type[Results] | None = Results
-            if outputs[0] in _RESULT_CLASSES:
-                kind = joint_results_class(_RESULT_CLASSES[outputs[0]], self._constants.names)  # type: ignore[arg-type]
-            elif outputs[0] in _FRAME_MOTION_OUTPUTS:
+            if outputs[0] in _RESULT_CLASS_BY_OUTPUT:
+                kind = joint_results_class(_RESULT_CLASS_BY_OUTPUT[outputs[0]], self._constants.names)  # type: ignore[arg-type]
+            elif outputs[0] in FRAME_MOTION_OUTPUTS:
                 kind = mechanism_state_class(names, self.tree.frame_names)
-            elif len(outputs) == 1 and outputs[0] in _UNWRAPPED_OUTPUTS:
+            elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUTS:
                 kind = None
             bodies = tuple((frames or {}).values())
             result = RobotComputation(
-                self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind
+                self._constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
             )
             self._constants.cache[key] = result
         return result
@@ -769,29 +801,32 @@ class MechanismMethods(Shown):
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 
     def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Return wrenches as inputs by name, with their names for messages, and the frames of their links."""
+        """Check wrenches; return (value, name for messages) by input name, and the frames of the loaded links by
+        link.
+        """
         by_link = read_wrenches(wrenches, self.tree.links)
-        acting = {
+        labelled_loads = {
             f"{kind}_{k}": (part, f"wrenches[{link!r}][{place}]")
             for k, (link, pair) in enumerate(by_link.items())
             for place, (kind, part) in enumerate(zip(("force", "torque"), pair, strict=True))
         }
-        return acting, {link: self.tree.links[link] for link in by_link}
+        return labelled_loads, {link: self.tree.links[link] for link in by_link}
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return the loads on a free base by input name, with their names for messages; loads of 0 are left out.
+        """Return (value, name for messages) by input name of the loads on a free base; loads of the number 0 are left
+        out.
 
         Raises:
             ArgumentError: the base is fixed.
         """
-        acting = {}
+        labelled_loads = {}
         for name, value in (("force1", force1), ("torque1", torque1)):
             if not (isinstance(value, int | float) and value == 0):
-                acting[name] = value, name
+                labelled_loads[name] = value, name
                 if self.base != "free":
                     expected = "0: a fixed base is not moved by forces (base='free' is)"
                     raise ArgumentError(name, expected, quoted(value))
-        return acting
+        return labelled_loads
 
     def _run(
         self,
@@ -802,13 +837,15 @@ class MechanismMethods(Shown):
         workers: int,
         backend: str,
         gravity: ArrayLike = GRAVITY,
-        acting: Mapping[str, tuple[Any, str]] | None = None,
+        labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Return the outputs of a computation at all samples, by the fast path where possible."""
+        """Compute the outputs of a computation at all samples, and return them; write into `out`. Warn of doubtful
+        masses that the outputs depend on.
+        """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()
-        if base_motion is None and not acting and execution.workers == 1:
+        if base_motion is None and not labelled_loads and execution.workers == 1:
             call = computation.call(tuple(coordinates), gravity_vector, backend)
             if out is None:
                 result = call.fast_path(*coordinates.values())
@@ -817,11 +854,13 @@ class MechanismMethods(Shown):
                 result = call.run_into(tuple(coordinates.values()), out) if known else None
             if result is not None:
                 return result
-        if holds_dask(coordinates, base_motion, acting):
+        if holds_dask(coordinates, base_motion, labelled_loads):
             return self._run_lazily(
-                computation, coordinates, base_motion, out, workers, backend, gravity_vector, acting or {}
+                computation, coordinates, base_motion, out, workers, backend, gravity_vector, labelled_loads or {}
             )
-        values = read_arguments(self._constants.names, coordinates, base_motion, computation.inputs, acting or {})
+        values = read_arguments(
+            self._constants.names, coordinates, base_motion, computation.inputs, labelled_loads or {}
+        )
         return computation.run(values, gravity_vector, out, execution)
 
     def _run_lazily(
@@ -833,27 +872,27 @@ class MechanismMethods(Shown):
         workers: int,
         backend: str,
         gravity: ArrayLike,
-        acting: Mapping[str, tuple[Any, str]],
+        labelled_loads: Mapping[str, tuple[Any, str]],
     ) -> Any:
-        """Return the outputs for arguments with Dask arrays, as Dask arrays; nothing is computed."""
+        """Return the outputs for arguments with Dask arrays, as Dask arrays; nothing is computed yet."""
         tails = {**dict.fromkeys(coordinates, (computation.form.dof,)), "base_motion": SAMPLE_SHAPES}
-        tails |= dict.fromkeys(acting, (3,))
-        labels = {name: label for name, (_, label) in acting.items()}
+        tails |= dict.fromkeys(labelled_loads, (3,))
+        load_labels = {name: label for name, (_, label) in labelled_loads.items()}
         arguments = {
             **coordinates,
             "base_motion": base_motion,
-            **{name: value for name, (value, _) in acting.items()},
+            **{name: value for name, (value, _) in labelled_loads.items()},
         }
         (key,) = (key for key, cached in self._constants.cache.items() if cached is computation)
         options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
         return over_chunks(
-            functools.partial(self._run_chunk, key, labels), arguments | options, tails, self._table_columns
+            functools.partial(self._run_chunk, key, load_labels), arguments | options, tails, self._table_columns
         )
 
     def _run_chunk(
         self,
-        key: tuple[tuple[str, ...], tuple[str, ...], int],
-        labels: Mapping[str, str],
+        cache_key: tuple[tuple[str, ...], tuple[str, ...], int],
+        load_labels: Mapping[str, str],
         *,
         base_motion: BodyMotion | None,
         out: None,
@@ -862,11 +901,13 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         **values: Any,
     ) -> Any:
-        """Return the outputs of a computation for one chunk of Dask arrays."""
-        outputs, frames, loaded = key
-        computation = self._computation(outputs, {name: self._named_frame("frames", name) for name in frames}, loaded)
-        acting = {name: (values.pop(name), label) for name, label in labels.items()}
-        return self._run(computation, values, base_motion, out, workers, backend, gravity, acting)
+        """Compute and return the outputs for one chunk of Dask arrays; the key of the cache names the computation."""
+        outputs, frames, loaded_frame_count = cache_key
+        computation = self._computation(
+            outputs, {name: self._named_frame("frames", name) for name in frames}, loaded_frame_count
+        )
+        labelled_loads = {name: (values.pop(name), label) for name, label in load_labels.items()}
+        return self._run(computation, values, base_motion, out, workers, backend, gravity, labelled_loads)
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return the names of a table's columns of coordinates or derivatives, in the order of q."""
@@ -882,7 +923,7 @@ class MechanismMethods(Shown):
         backend: str,
         gravity: ArrayLike = GRAVITY,
     ) -> FloatArray:
-        """Return the only output of a computation as a writable array."""
+        """Compute the only output of a computation, and return it as a bare, writable array; write into `out`."""
         (name,) = computation.request.outputs
         arrays = None if out is None else {name: out}
         result: FloatArray = self._run(computation, coordinates, base_motion, arrays, workers, backend, gravity)
@@ -920,21 +961,26 @@ class MechanismMethods(Shown):
 
 
 def _checked_outputs(
-    outputs: Iterable[str] | None, out: Out, known: tuple[str, ...], default: tuple[str, ...] | None = None
+    outputs: Iterable[str] | None,
+    out: Out,
+    accepted_names: tuple[str, ...],
+    default_names: tuple[str, ...] | None = None,
 ) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return the names: by default the defaults and those in `out`."""
+    """Check the argument `outputs`, and return the names to compute. For None, these are the default names (unless
+    given, all that are accepted) and those in `out`.
+    """
     if outputs is None:
-        more = tuple(name for name in out if name in known) if isinstance(out, Mapping) else ()
-        return tuple(dict.fromkeys((*(known if default is None else default), *more)))
+        more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()
+        return tuple(dict.fromkeys((*(accepted_names if default_names is None else default_names), *more)))
     try:
         names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
     except TypeError:
         names = ()
     if not names:
-        raise ArgumentError("outputs", f"a tuple of names such as ({known[0]!r},)", quoted(outputs))
+        raise ArgumentError("outputs", f"a tuple of names such as ({accepted_names[0]!r},)", quoted(outputs))
     for name in names:
-        if name not in known:
-            raise ArgumentError("outputs", choices(known), quoted(name))
+        if name not in accepted_names:
+            raise ArgumentError("outputs", choices(accepted_names), quoted(name))
     return names
 
 

@@ -16,23 +16,24 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import HERE, FramePose, Inertia
 
-_AXIS_LETTERS = ("X", "Y", "Z")  # in the names of Pinocchio's joint types
 # Names of the joint types that are hinges.
-_HINGE_TYPES = {
-    *(f"JointModelR{axis}" for axis in _AXIS_LETTERS),
-    *(f"JointModelRUB{axis}" for axis in _AXIS_LETTERS),
+_PINOCCHIO_HINGE_TYPES = {
+    *(f"JointModelR{axis}" for axis in "XYZ"),
+    *(f"JointModelRUB{axis}" for axis in "XYZ"),
+    "JointModelRevoluteUnaligned",
+    "JointModelRevoluteUnboundedUnaligned",
 }
-_HINGE_TYPES |= {"JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned"}
 # Names of the joint types that are sliders.
-_SLIDER_TYPES = {*(f"JointModelP{axis}" for axis in _AXIS_LETTERS), "JointModelPrismaticUnaligned"}
+_PINOCCHIO_SLIDER_TYPES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
 _QUARTER_TURN_TOLERANCE = 2.0**-50
 """Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
 
-_NO_LIMIT_VALUE: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
+_MISSING_LIMIT_VALUE: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Convert a Pinocchio model to parts (the base, then the joints in order), and tell whether its base is free.
+    """Return the kind of the base of a Pinocchio model ("free" with a free-flyer), and its joints as parts, the base
+    first. Warn of a gravity in the model that is not the default.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -78,42 +79,67 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
-def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: dict[str, Any]) -> list[JointPart]:
-    """Return the parts of one joint; the last one, at index `place` or behind, holds the joint's body."""
-    joint, name, pose = model.joints[number], model.names[number], _convert_placement(model.jointPlacements[number])
+def _parts_of_joint(
+    model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
+) -> list[JointPart]:
+    """Return the parts of one joint, several for a composite joint, the first of which will be part number
+    `first_part`. The last one holds the joint's body.
+    """
+    joint, name, pose = (
+        model.joints[joint_number],
+        model.names[joint_number],
+        _convert_placement(model.jointPlacements[joint_number]),
+    )
     if joint.shortname() != "JointModelComposite":
-        return [_part_of_joint(model, joint, name, number, parent, pose, joint.idx_q, joint.idx_v, content)]
+        return [
+            _part_of_joint(
+                model, joint, name, joint_number, parent_part, pose, joint.idx_q, joint.idx_v, body_content
+            )
+        ]
     composite = joint.extract()
     parts: list[JointPart] = []
     idx_q, idx_v = joint.idx_q, joint.idx_v
     for i, (single, inner) in enumerate(zip(composite.joints, composite.jointPlacements, strict=True), 1):
         last = i == len(composite.joints)
-        carrier = place + i - 2 if i > 1 else parent
+        carrying_part = first_part + i - 2 if i > 1 else parent_part
         seat = pose.placed(_convert_placement(inner)) if i == 1 else _convert_placement(inner)
-        part_content = content | {"frames": {**content["frames"], name: HERE}} if last else {}
-        parts.append(_part_of_joint(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, part_content))
+        part_content = body_content | {"frames": {**body_content["frames"], name: HERE}} if last else {}
+        parts.append(
+            _part_of_joint(
+                model, single, f"{name}_{i}", joint_number, carrying_part, seat, idx_q, idx_v, part_content
+            )
+        )
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
     return parts
 
 
 def _part_of_joint(
-    model: Any, joint: Any, name: str, number: int, parent: int, pose: FramePose, idx_q: int, idx_v: int, content: Any
+    model: Any,
+    joint: Any,
+    name: str,
+    joint_number: int,
+    parent_part: int,
+    pose: FramePose,
+    idx_q: int,
+    idx_v: int,
+    body_content: Any,
 ) -> JointPart:
-    """Return the part of one joint, whose coordinates begin at idx_q in q and idx_v in v."""
+    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v."""
     kind = joint.shortname()
-    if kind not in {*_HINGE_TYPES, *_SLIDER_TYPES, "JointModelMimic"}:
+    if kind not in {*_PINOCCHIO_HINGE_TYPES, *_PINOCCHIO_SLIDER_TYPES, "JointModelMimic"}:
         raise _unsupported_joint_error(
-            model, number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
+            model, joint_number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
         )
     motion = np.ravel(joint.createData().S)
     if kind == "JointModelMimic":
         mimic = joint.extract()
         if mimic.scaling == 0:
-            raise _unsupported_joint_error(model, number, "a mimic joint that moves")
+            raise _unsupported_joint_error(model, joint_number, "a mimic joint that moves")
         leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
         return JointPart(
-            name, "hinge" if motion[3:].any() else "slider", parent, pose,
-            _unit_axis(motion / mimic.scaling), mimic=MimicRecord(leader, mimic.scaling, mimic.offset), **content,
+            name, "hinge" if motion[3:].any() else "slider", parent_part, pose,
+            _unit_axis(motion / mimic.scaling), mimic=MimicRecord(leader, mimic.scaling, mimic.offset),
+            **body_content,
         )  # fmt: skip
     limits = None
     if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:
@@ -123,11 +149,11 @@ def _part_of_joint(
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return JointPart(
         name,
-        "hinge" if kind in _HINGE_TYPES else "slider",
-        parent,
+        "hinge" if kind in _PINOCCHIO_HINGE_TYPES else "slider",
+        parent_part,
         pose,
         _unit_axis(motion),
-        **content,
+        **body_content,
         limits=limits,
         effort_limit=_convert_limit(model.upperEffortLimit[idx_v]),
         rate_limit=_convert_limit(model.upperVelocityLimit[idx_v]),
@@ -137,7 +163,7 @@ def _part_of_joint(
 
 def _convert_limit(value: float) -> float:
     """Convert a limit; Pinocchio's largest number, which stands for no limit, becomes infinite."""
-    return float(np.copysign(np.inf, value)) if abs(value) >= _NO_LIMIT_VALUE else float(value)
+    return float(np.copysign(np.inf, value)) if abs(value) >= _MISSING_LIMIT_VALUE else float(value)
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:
@@ -178,7 +204,7 @@ class _BodyContents:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return the arguments of `JointPart` that describe a joint's body."""
+        """Return the keyword arguments of `JointPart` that describe a joint's body."""
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:
@@ -191,7 +217,7 @@ class _BodyContents:
 
 
 def _convert_placement(placement: Any) -> FramePose:
-    """Convert a placement; a rotation within rounding of a quarter turn becomes that turn exactly."""
+    """Convert a placement to a FramePose; a rotation within rounding of a quarter turn becomes that turn exactly."""
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)
     return FramePose(

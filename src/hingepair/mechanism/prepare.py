@@ -12,8 +12,8 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.arguments import (
-    BASE_ATTRIBUTES,
-    ZERO_BASE_LOADS,
+    ATTRIBUTE_BY_BASE_INPUT,
+    ZERO_BASE_LOAD_INPUTS,
     InputValues,
     check_out_names,
     common_library,
@@ -23,7 +23,7 @@ from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import check_sample_shape
 from hingepair.numeric.arrays import vectors
 
-ARGUMENTS_BY_NAME: Final = {
+ARGUMENT_NAMES_BY_METHOD: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -35,17 +35,15 @@ ARGUMENTS_BY_NAME: Final = {
     "bias_forces": ("q", "qd"),
     "gravity_forces": ("q",),
 }
-"""Names of the arguments of a prepared call, by the name for which it is prepared."""
+"""Names of the arguments of a prepared call, by the method or level of motion for which it is prepared."""
 
-SINGLE_ARRAY_OUTPUTS: Final = ("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces")
-"""Names of the outputs that the method of the same name returns as a bare array."""
-
-_COORDINATE_ARGUMENTS: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
-_ARGUMENT_NAMES: Final = (*_COORDINATE_ARGUMENTS, *BASE_ATTRIBUTES, *ZERO_BASE_LOADS)  # accepted in `given`
+_COORDINATE_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
+# Names that the argument `given` of `prepare` may hold.
+_ACCEPTED_ARGUMENT_NAMES: Final = (*_COORDINATE_ARGUMENT_NAMES, *ATTRIBUTE_BY_BASE_INPUT, *ZERO_BASE_LOAD_INPUTS)
 
 
 class PreparedMechanism:
-    """A prepared call of a robot: takes arrays in the order of `given`, and `out=`.
+    """A prepared call of a robot: a callable of arrays in the order of `given`, and of `out=`.
 
     Attributes:
         given: names of the arguments, in order.
@@ -64,7 +62,7 @@ class PreparedMechanism:
         self.given, self.outputs = given, computation.request.outputs
         self._joints = joints
         self._computation, self._gravity, self._execution, self._factory = computation, gravity, execution, factory
-        self._call: Call = computation.call(given, gravity, execution.backend, checked=True)
+        self._call: Call = computation.call(given, gravity, execution.backend, check_attitude=True)
         if execution.backend == "auto":
             self._call.compile()
 
@@ -112,26 +110,30 @@ class PreparedMechanism:
                 result = self._call.fast_path(*given)
             except TypeError:
                 result = None  # perhaps another number of arguments
-            return self._run_general(given, None) if result is None else result
+            return self._run_any_arguments(given, None) if result is None else result
         arrays = {self.outputs[0]: out} if self._computation.result is None else out
         if type(arrays) is dict and arrays.keys() <= {*self.outputs} and len(given) == len(self.given):
             result = self._call.run_into(given, arrays)
             if result is not None:
                 return result
-        return self._run_general(given, arrays)
+        return self._run_any_arguments(given, arrays)
 
-    def _run_general(self, given: Sequence[Any], out: Out) -> Any:
-        """Return the results for any arguments that can be used, and refuse all others."""
-        if len(given) != len(self.given):
-            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+    def _run_any_arguments(self, arguments: Sequence[Any], out: Out) -> Any:
+        """Check arguments that the fast path refuses, tables and arrays of other libraries among them; compute and
+        return the results.
+        """
+        if len(arguments) != len(self.given):
+            raise ArgumentError(
+                "*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(arguments)}"
+            )
         check_out_names(out, self.outputs)
-        named = dict(zip(self.given, given, strict=True))
+        named = dict(zip(self.given, arguments, strict=True))
         library = common_library(named)
         parts, shapes, tails = {}, {}, self._call.argument_shapes
         for name, value in named.items():
             if value is None:
                 raise ArgumentError(name, "a value, since the call was prepared for it", None)
-            if name in _COORDINATE_ARGUMENTS:
+            if name in _COORDINATE_ARGUMENT_NAMES:
                 parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
                 continue
             if library is not None:
@@ -139,7 +141,7 @@ class PreparedMechanism:
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
         return self._computation.run(
-            InputValues(parts, shapes, library), self._gravity, out, self._execution, checked=True
+            InputValues(parts, shapes, library), self._gravity, out, self._execution, check_attitude=True
         )
 
 
@@ -148,24 +150,25 @@ def _call_factory(function: Callable[[], Any]) -> Any:
     return function()
 
 
-def checked_given(given: str | Iterable[str], problem_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Check the argument `given` of `prepare`, and return the names of the call's arguments.
+def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
+    """Check the argument `given` of `prepare`, and return the names of the call's arguments. Coordinates among
+    `needed_inputs` must be among them.
 
     Raises:
         ArgumentError: an unknown name, or one twice.
     """
     try:
-        names = ARGUMENTS_BY_NAME[given] if isinstance(given, str) else tuple(given)
+        names = ARGUMENT_NAMES_BY_METHOD[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
         raise ArgumentError(
-            "given", f"{choices(tuple(ARGUMENTS_BY_NAME))}, or a tuple of names", quoted(given)
+            "given", f"{choices(tuple(ARGUMENT_NAMES_BY_METHOD))}, or a tuple of names", quoted(given)
         ) from None
     for name in names:
-        if name not in _ARGUMENT_NAMES:
-            raise ArgumentError("given", choices(_ARGUMENT_NAMES), quoted(name))
+        if name not in _ACCEPTED_ARGUMENT_NAMES:
+            raise ArgumentError("given", choices(_ACCEPTED_ARGUMENT_NAMES), quoted(name))
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
-    for name in problem_inputs:
-        if name in _COORDINATE_ARGUMENTS and name not in names:
+    for name in needed_inputs:
+        if name in _COORDINATE_ARGUMENT_NAMES and name not in names:
             raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
     return names

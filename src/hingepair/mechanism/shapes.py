@@ -12,7 +12,7 @@ from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
-    """The shapes by which a body is drawn.
+    """The shapes by which a body is drawn, and whether they show all of it.
 
     Attributes:
         shapes: shapes in the axes of the body, from its reference point.
@@ -23,10 +23,12 @@ class BodyDrawing(NamedTuple):
     complete: bool = False
 
 
-def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
-    """Return the drawing of a body from the shapes and poses of its parts (None: a part drawn by meshes)."""
+def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
+    """Return the drawing of a body from pairs (shapes, pose) of its parts. It is empty if a part is drawn by meshes
+    (shapes None), or overflows.
+    """
     placed: list[Shape] = []
-    for shapes, pose in parts:
+    for shapes, pose in shapes_and_poses:
         if shapes is None:
             return BodyDrawing()
         try:
@@ -37,7 +39,8 @@ def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) ->
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the shapes of a link in its own axes; None where it is drawn by others, such as meshes.
+    """Return the boxes, cylinders and spheres of a link in its own axes; None where it is drawn by others, such as
+    meshes.
 
     Args:
         link: record of the link.

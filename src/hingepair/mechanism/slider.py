@@ -16,7 +16,7 @@ from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 
 # Names of the fields, in the order of the constructor's arguments.
-_SLIDER_FIELDS = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
+_SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -74,11 +74,11 @@ class Slider(Frozen, Shown):
         # The fields are those of a pair, and so are the checks.
         checked = HingePair(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
         check_one(checked)
-        for field in _SLIDER_FIELDS:
+        for field in _SLIDER_FIELD_NAMES:
             object.__setattr__(self, field, getattr(checked, field))
 
     def __repr__(self) -> str:
-        given: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELDS}
+        given: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELD_NAMES}
         shown = (
             f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
             for field, value in given.items()

@@ -21,7 +21,7 @@ from hingepair.urdf.rigid import HERE, FramePose, Inertia
 
 PartKind = Literal["hinge", "slider", "fixed"]
 # Kinds of parts, by the type of a URDF joint.
-_KIND_BY_URDF_TYPE: Mapping[str, PartKind] = {
+_JOINT_KIND_BY_URDF_TYPE: Mapping[str, PartKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
     "prismatic": "slider",
@@ -32,7 +32,8 @@ BASE_LINK_NAME = "base"
 
 
 def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
-    """Convert a robot that was read from URDF to parts: the base, then the joints depth-first by name.
+    """Convert a robot that was read from URDF to parts: the base, then the joints depth-first by name. Warn of a
+    joint that follows one that does not exist.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
@@ -44,12 +45,12 @@ def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
     numbers = {root: 0}
     parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
     for joint in joints:
-        if joint.type not in _KIND_BY_URDF_TYPE:
-            expected = f"a type out of {', '.join(_KIND_BY_URDF_TYPE)}"
+        if joint.type not in _JOINT_KIND_BY_URDF_TYPE:
+            expected = f"a type out of {', '.join(_JOINT_KIND_BY_URDF_TYPE)}"
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
         numbers[joint.child] = len(parts)
         link = _link_content(robot, joint.child, joint.child not in parents)
-        kind = _KIND_BY_URDF_TYPE[joint.type]
+        kind = _JOINT_KIND_BY_URDF_TYPE[joint.type]
         if kind == "fixed":
             parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
             continue
@@ -68,11 +69,11 @@ def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
     return parts
 
 
-def _link_content(robot: records.Robot, name: str, leaf: bool) -> dict[str, Any]:
-    """Return the arguments of `JointPart` that describe a link."""
-    link = robot.links[name][0]
-    leaves, shapes = (name,) if leaf else (), link_shapes(link, "visual", "collision")
-    return {"links": {name: HERE}, "leaves": leaves, "inertias": {name: link.inertia()}, "shapes": shapes}
+def _link_content(robot: records.Robot, link_name: str, is_leaf: bool) -> dict[str, Any]:
+    """Return the keyword arguments of `JointPart` that describe a link."""
+    link = robot.links[link_name][0]
+    leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
+    return {"links": {link_name: HERE}, "leaves": leaves, "inertias": {link_name: link.inertia()}, "shapes": shapes}
 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
@@ -105,7 +106,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [HERE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, leaf=False))]
+    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, is_leaf=False))]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         leaf = number not in parent_numbers
         home = np.asarray(pair.home)
@@ -150,7 +151,7 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
-    """Check the argument `parents`, and return the number of body 1 of each pair."""
+    """Check the argument `parents`, and return for each pair the number of its body 1 in a list (0: the base)."""
     count = len(pairs)
     if parents is None:
         return list(range(count))
@@ -187,23 +188,24 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
     return order
 
 
-def _shared_body(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
-    """Return the body that several pairs share; None if no pair gives it.
+def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
+    """Return the body that several pairs share, as their ("body1" or "body2", pair) say; None if no pair gives it.
+    Raise an error if two give different ones.
 
     Raises:
         ArgumentError: two of them give it, and differ.
     """
-    known: tuple[str, Body] | None = None
-    for side, pair in sides:
+    first_given: tuple[str, Body] | None = None
+    for side, pair in sides_of_pairs:
         body: Body | None = getattr(pair, side)
         if body is None:
             continue
         where = f"{side} of {pair.name!r}"
-        if known is None:
-            known = where, body
-        elif not _same_body(known[1], body):
-            raise ArgumentError(where, f"the body that {known[0]} is, or None", body)
-    return None if known is None else known[1]
+        if first_given is None:
+            first_given = where, body
+        elif not _same_body(first_given[1], body):
+            raise ArgumentError(where, f"the body that {first_given[0]} is, or None", body)
+    return None if first_given is None else first_given[1]
 
 
 def _same_body(one: Body, other: Body) -> bool:
@@ -215,16 +217,18 @@ def _same_body(one: Body, other: Body) -> bool:
     )
 
 
-def _body_content(name: str, body: Body | None, seat: FramePose, leaf: bool) -> dict[str, Any]:
-    """Return the arguments of `JointPart` that describe a body; `seat` is the pose of its frame in the part's."""
-    content: dict[str, Any] = {"links": {name: seat}, "leaves": (name,) if leaf else ()}
+def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
+    """Return the keyword arguments of `JointPart` that describe a body; `frame_pose` is the pose of its frame in the
+    part's.
+    """
+    content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
-        if name != BASE_LINK_NAME:
-            content["notes"] = (f"{name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
+        if link_name != BASE_LINK_NAME:
+            content["notes"] = (f"{link_name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
         return content
-    content["inertias"] = {name: body_inertia(body).placed(seat)}
-    content["shapes"] = tuple(placed_shapes(body.shapes, seat))
-    return content | {"notes": tuple(f"{name}: {sentence}" for sentence in body.assumed)}
+    content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
+    content["shapes"] = tuple(placed_shapes(body.shapes, frame_pose))
+    return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}
 
 
 def body_inertia(body: Body) -> Inertia:

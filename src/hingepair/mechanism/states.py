@@ -16,7 +16,7 @@ from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.results import column_names, needed_package
 
 # Docstrings of the outputs of motion, by name.
-_MOTION_DOCS = {
+_DOC_BY_MOTION_OUTPUT = {
     "R": "Origin; (..., 3) m.",
     "S": "Rotation, frame to world; (..., 3, 3).",
     "d": "Origin from the base's reference point, unharmed by a large base position; (..., 3) m.",
@@ -25,16 +25,16 @@ _MOTION_DOCS = {
     "a": "Classical acceleration of the origin; (..., 3) m/s^2.",
     "alpha": "Angular acceleration; (..., 3) rad/s^2.",
 }
-
-
-_JOINT_OUTPUTS: Final = ("tau", "qdd")
+FRAME_MOTION_OUTPUTS: Final = tuple(_DOC_BY_MOTION_OUTPUT)
+"""Outputs of the motion of a frame: pose, displacement from the base, velocities and accelerations."""
+_PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
 
 
 class FrameState(Results):
     """Motion of one frame at every sample; world axes, SI units. Outputs that were not computed are None."""
 
-    __slots__ = _MOTION_DOCS
+    __slots__ = _DOC_BY_MOTION_OUTPUT
 
     R: FloatArray
     S: FloatArray
@@ -55,7 +55,7 @@ class MechanismState(Results):
         frames: names of the frames, in the order of the axis.
     """
 
-    __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _MOTION_DOCS.items()}
+    __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _DOC_BY_MOTION_OUTPUT.items()}
 
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
@@ -85,7 +85,7 @@ class MechanismState(Results):
                 expected += nearest(str(name), self._robot_frames)
             raise ArgumentError("frame", expected, quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
-        moving = {output: array for output, array in self.arrays().items() if output in _MOTION_DOCS}
+        moving = {output: array for output, array in self.arrays().items() if output in _DOC_BY_MOTION_OUTPUT}
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
@@ -103,7 +103,9 @@ class MechanismState(Results):
 
 @functools.lru_cache(maxsize=256)
 def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
-    """Return the subclass of MechanismState for some of a robot's frames."""
+    """Return the cached subclass of MechanismState for these frames; `robot_frames` are the names of all frames of
+    the robot.
+    """
     names = {"frames": frames, "_robot_frames": robot_frames}
     content = {"__slots__": MechanismState.__slots__, "__module__": __name__, **names}
     return type("MechanismState", (MechanismState,), content)
@@ -112,7 +114,7 @@ def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]
 def _rebuild_state(
     frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> MechanismState:
-    """Return unpickled motions of frames."""
+    """Return the motion of frames from its pickled contents."""
     return mechanism_state_class(frames, robot_frames)(arrays, shape)
 
 
@@ -141,17 +143,19 @@ class JointResults(Results):
         return needed_package("pandas", "to_dataframe").DataFrame(*self._table())
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
-        """Return all samples as rows, no index, and the names of the columns."""
+        """Return all samples as rows of an array, None in place of an index, and the names of the columns."""
         arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
         samples = math.prod(self.shape)
         columns: list[str] = []
         for name, array in arrays.items():
-            columns += self.names if name in _JOINT_OUTPUTS else column_names({name: array.reshape(samples, 3)})
+            columns += (
+                self.names if name in _PER_COORDINATE_OUTPUTS else column_names({name: array.reshape(samples, 3)})
+            )
         rows = [array.reshape(samples, array.shape[-1]) for array in arrays.values()]
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
-        """Return the table of the values of one sample, or of the largest magnitudes over all samples."""
+        """Return the printed table of the values of one sample, or of the largest magnitudes over all samples."""
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
         table, _, columns = self._table()

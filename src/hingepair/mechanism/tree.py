@@ -62,7 +62,8 @@ class MassProperties(Frozen):
     inertia: NDArray[np.float64]
 
 
-ZERO_MASS = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))  # of a body without mass
+# Mass properties of a body without mass.
+ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

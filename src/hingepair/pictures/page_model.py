@@ -13,7 +13,7 @@ import numpy as np
 from hingepair.formats.model_writers import drawn_shapes
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.shapes import placed_shapes
-from hingepair.mechanism.tree import ZERO_MASS, Frame, Joint, Tree
+from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
 from hingepair.pair.body import Box, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pictures.simple_bodies import (
@@ -80,7 +80,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     one, two = drawn_shapes(pair)
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
     limits = pair.limits or (-math.inf, math.inf)
-    joint = Joint(pair.name, "hinge", 0, pair.u1, pair.home, pair.home.T @ pair.n, ZERO_MASS, limits)
+    joint = Joint(pair.name, "hinge", 0, pair.u1, pair.home, pair.home.T @ pair.n, ZERO_MASS_PROPERTIES, limits)
     here, still = np.zeros(3), np.eye(3)
     frames = {
         "body 1": Frame(0, here, still),

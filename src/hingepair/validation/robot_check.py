@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.mechanism.arguments import BASE_ATTRIBUTES, Coordinates, read_arguments
+from hingepair.mechanism.arguments import ATTRIBUTE_BY_BASE_INPUT, Coordinates, read_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
@@ -86,11 +86,11 @@ class _Samples:
     def __init__(
         self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
     ) -> None:
-        needed = tuple(BASE_ATTRIBUTES)[: 2 * len(coordinates)]
+        needed = tuple(ATTRIBUTE_BY_BASE_INPUT)[: 2 * len(coordinates)]
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shapes)
         parts = {
-            name: np.asarray(getattr(RESTING_BASE_MOTION, BASE_ATTRIBUTES[name])) for name in needed
+            name: np.asarray(getattr(RESTING_BASE_MOTION, ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
         } | values.parts
         flat = {name: _argument_samples(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
         finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
@@ -99,7 +99,7 @@ class _Samples:
             array[~self.finite] = np.nan
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
-        self.base = BodyMotion(**{BASE_ATTRIBUTES[name]: flat[name] for name in needed})
+        self.base = BodyMotion(**{ATTRIBUTE_BY_BASE_INPUT[name]: flat[name] for name in needed})
         leaves = [part for name, part in values.parts.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)
