@@ -12,23 +12,23 @@ from hingepair.errors import MissingDependencyError
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.tables import Table
 
-DESIGNS: Final = ("grid", "random", "sobol")
+DESIGN_NAMES: Final = ("grid", "random", "sobol")
 """Names of the ways to place the variants of a sweep in the ranges of its numbers."""
 MAX_VARIANTS: Final = 10_000_000
 """Variants of one sweep at most."""
 
-_MAX_SOBOL_NUMBERS: Final = 21201  # that SciPy has directions for
+_MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Varied:
-    """A number of a scene that is varied.
+class VariedNumber:
+    """Number of a scene that a sweep varies, with its values in a grid or its distribution in other designs.
 
     Attributes:
-        key: where it stands, such as "pair.body2.mass" or "pair.u1[0]".
-        values: of a grid; None of other designs.
-        spread: of other designs: lower and upper end, or mean and standard deviation.
-        normal: whether it is normally distributed; else uniformly.
+        key: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]".
+        values: values of the number in a grid, each once; None in other designs.
+        spread: lower and upper end, or mean and standard deviation where `normal`; not used in a grid.
+        normal: whether the number is normally distributed; otherwise uniformly.
     """
 
     key: str
@@ -37,62 +37,66 @@ class Varied:
     normal: bool = False
 
 
-def read_varied(table: Table, design: str) -> Varied:
-    """Read one table [[vary]].
+def read_varied_number(table: Table, design: str) -> VariedNumber:
+    """Return the varied number that one table [[vary]] of a sweep file describes, for one of `DESIGN_NAMES`.
 
     Raises:
-        SceneError: a key that is missing, unknown, or of another design; names it.
+        SceneError: a key is missing, unknown, or of another design; the message names it.
     """
     table.check_keys(("key", "values", "low", "high", "count", "mean", "std"))
     key = table.text("key")
     if design == "grid":
         if "values" in table.values:
-            given = table.values["values"]
-            if not isinstance(given, list) or not given or len(table.values) > 2:
+            values = table.values["values"]
+            if not isinstance(values, list) or not values or len(table.values) > 2:
                 table.fail("values", "a list of numbers, and key beside it")
-            return Varied(key, np.array(table.numbers("values", len(given))), (0.0, 0.0))
-        low, high = _ends(table, "low", "high", ("key", "low", "high", "count"))
+            return VariedNumber(key, np.array(table.numbers("values", len(values))), (0.0, 0.0))
+        low, high = _read_two_numbers(table, "low", "high", ("key", "low", "high", "count"))
         count = table.values.get("count")
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANTS:
             table.fail("count", "a whole number from 1, of a grid; or a list of values")
-        return Varied(key, np.linspace(low, high, count), (low, high))
+        return VariedNumber(key, np.linspace(low, high, count), (low, high))
     if "mean" in table.values or "std" in table.values:
-        mean, std = _ends(table, "mean", "std", ("key", "mean", "std"))
+        mean, std = _read_two_numbers(table, "mean", "std", ("key", "mean", "std"))
         if std < 0:
             table.fail("std", "a number not below 0")
-        return Varied(key, None, (mean, std), normal=True)
-    low, high = _ends(table, "low", "high", ("key", "low", "high"))
+        return VariedNumber(key, None, (mean, std), normal=True)
+    low, high = _read_two_numbers(table, "low", "high", ("key", "low", "high"))
     if low > high:
         table.fail("low", f"a number not above high, {high:g}")
-    return Varied(key, None, (low, high))
+    return VariedNumber(key, None, (low, high))
 
 
-def _ends(table: Table, first: str, second: str, known: tuple[str, ...]) -> tuple[float, float]:
-    """Return the lower and upper end of a varied number; refuse any other key beside those known."""
-    for name in table.values:
-        if name not in known:
-            table.refuse(name, f"nothing beside {', '.join(known)}", "this key")
-    return table.number(first), table.number(second)
+def _read_two_numbers(
+    table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
+) -> tuple[float, float]:
+    """Return the numbers under two keys of a table; raise SceneError if the table has a key that is not allowed."""
+    for key in table.values:
+        if key not in allowed_keys:
+            table.refuse(key, f"nothing beside {', '.join(allowed_keys)}", "this key")
+    return table.number(first_key), table.number(second_key)
 
 
 def design_values(
-    table: Table, design: str, varied: tuple[Varied, ...], samples: int | None, seed: int
+    table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
-    """Return the values of all variants; shape (variants, numbers). Of a grid the last number runs fastest.
+    """Return the values of the varied numbers in every variant of a design; shape (variants, numbers).
+
+    In a grid, the last number changes fastest.
 
     Args:
-        table: for messages.
-        design: one of `DESIGNS`.
-        varied: the numbers.
-        samples: number of variants of a random or Sobol design.
-        seed: of these.
+        table: the sweep file's table, which error messages name.
+        design: one of `DESIGN_NAMES`.
+        varied: the varied numbers.
+        samples: number of variants of a random or Sobol design; None in a grid.
+        seed: seed of a random or Sobol design.
 
     Raises:
         SceneError: too many variants, or too many numbers.
-        MissingDependencyError: SciPy is not installed, which has Sobol's points.
+        MissingDependencyError: SciPy, which computes Sobol points, is not installed.
     """
     if design == "grid":
-        axes = [own.values for own in varied if own.values is not None]
+        axes = [number.values for number in varied if number.values is not None]
         total = math.prod(len(axis) for axis in axes)
         if total > MAX_VARIANTS:
             table.refuse("vary", f"at most {MAX_VARIANTS} variants", total)
@@ -100,33 +104,33 @@ def design_values(
     if samples is None:
         table.fail("samples", f"the number of variants of a {design} design")
     if design == "sobol":
-        parts = _sobol(table, len(varied), samples, seed)
-        normal = _normal_quantile(parts)
+        uniform = _sobol_points(table, len(varied), samples, seed)
+        normal = _normal_quantile(uniform)
     else:
         rng = np.random.default_rng(seed)
-        parts, normal = rng.random((samples, len(varied))), rng.standard_normal((samples, len(varied)))
+        uniform, normal = rng.random((samples, len(varied))), rng.standard_normal((samples, len(varied)))
     columns = [
-        own.spread[0] + own.spread[1] * normal[:, k]
-        if own.normal
-        else own.spread[0] + (own.spread[1] - own.spread[0]) * parts[:, k]
-        for k, own in enumerate(varied)
+        number.spread[0] + number.spread[1] * normal[:, k]
+        if number.normal
+        else number.spread[0] + (number.spread[1] - number.spread[0]) * uniform[:, k]
+        for k, number in enumerate(varied)
     ]
     return np.stack(columns, axis=-1)
 
 
-def _sobol(table: Table, numbers: int, samples: int, seed: int) -> Float64Array:
-    """Return scrambled points of Sobol in the open unit cube; shape (samples, numbers)."""
+def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
+    """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions). Errors name `table`."""
     try:
         from scipy.stats.qmc import Sobol
     except ImportError as error:
         raise MissingDependencyError("design", "SciPy (pip install 'hingepair[dask]')", str(error)) from None
-    if numbers > _MAX_SOBOL_NUMBERS:
-        table.refuse("vary", f"at most {_MAX_SOBOL_NUMBERS} numbers of a Sobol design", numbers)
-    points = Sobol(numbers, scramble=True, seed=seed).random_base2(max(0, math.ceil(math.log2(samples))))
+    if dimensions > _MAX_SOBOL_DIMENSIONS:
+        table.refuse("vary", f"at most {_MAX_SOBOL_DIMENSIONS} numbers of a Sobol design", dimensions)
+    points = Sobol(dimensions, scramble=True, seed=seed).random_base2(max(0, math.ceil(math.log2(samples))))
     return np.asarray(np.clip(points[:samples], 2.0**-53, 1 - 2.0**-53))
 
 
-def _normal_quantile(parts: Float64Array) -> Float64Array:
+def _normal_quantile(probability: Float64Array) -> Float64Array:
     from scipy.special import ndtri
 
-    return np.asarray(ndtri(parts))
+    return np.asarray(ndtri(probability))

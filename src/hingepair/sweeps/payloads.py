@@ -35,143 +35,137 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.pair_table import BODY_KEYS, made
 from hingepair.scenes.tables import Table
 
-_PAYLOAD_PATH: Final = ("mechanism", "payload")
-"""Keys that lead to the payload in a scene of a mechanism."""
-_MAX_SIZE: Final = 1e100  # of mass, lever and inertia, in SI units; products of three of them do not overflow
-_MOMENT_ENTRIES: Final = (
-    (0, 0),
-    (0, 1),
-    (0, 2),
-    (1, 1),
-    (1, 2),
-    (2, 2),
-)  # entries of a second moment, in their order
+_MAX_MASS_PROPERTY: Final = 1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
+_UPPER_TRIANGLE_INDICES: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # order of the second moments
 
 
-class _Varied(NamedTuple):
-    """A varied number of a body: its place among the varied numbers, and which property it is."""
+class _VariedProperty(NamedTuple):
+    """Mass property of a payload that is varied, and its column in the array of the varied numbers."""
 
-    place: int
+    column: int
     name: str  # mass, center_of_mass or inertia
     component: int
 
 
-class _Payload(NamedTuple):
-    """A payload of which numbers are varied.
+class _VariedPayload(NamedTuple):
+    """Payload of which some mass properties are varied.
 
     Attributes:
-        body: the properties that are not varied; its inertia is for each kilogram where `inertia_per_mass`.
-        inertia_per_mass: whether the inertia follows from the mass.
-        varied: its varied numbers.
+        body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
+        inertia_per_mass: whether the inertia is proportional to the mass.
+        varied: the mass properties that are varied.
     """
 
     body: Body
     inertia_per_mass: bool
-    varied: tuple[_Varied, ...]
+    varied: tuple[_VariedProperty, ...]
 
-    def properties(self, rows: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) of all variants."""
-        count = len(rows)
+    def mass_properties(self, numbers: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Return mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) in SI units.
+
+        Args:
+            numbers: values of the varied numbers; (variants, numbers).
+        """
+        count = len(numbers)
         mass = np.full(count, self.body.mass)
         centre = np.tile(self.body.center_of_mass, (count, 1))
         inertia = np.tile(self.body.inertia, (count, 1, 1))
-        for place, name, component in self.varied:
+        for column, name, component in self.varied:
             if name == "mass":
-                mass = rows[:, place]
+                mass = numbers[:, column]
             elif name == "center_of_mass":
-                centre[:, component] = rows[:, place]
+                centre[:, component] = numbers[:, column]
             else:
-                inertia[:, component, component] = rows[:, place]
+                inertia[:, component, component] = numbers[:, column]
         return mass, centre, inertia * mass[:, None, None] if self.inertia_per_mass else inertia
 
-    def is_plain(self, rows: Float64Array) -> bool:
-        """Return whether a rigid body certainly has the properties of every variant, which need no other check."""
-        mass, centre, inertia = self.properties(rows)
+    def is_clearly_valid(self, numbers: Float64Array) -> bool:
+        """Return True if all variants have clearly valid mass properties; False means that a full check is needed."""
+        mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
-        if not (all(size < _MAX_SIZE for size in sizes) and (mass > 0).all()):
+        if not (all(size < _MAX_MASS_PROPERTY for size in sizes) and (mass > 0).all()):
             return False
-        if not any(own.name == "inertia" for own in self.varied):
+        if not any(number.name == "inertia" for number in self.varied):
             return True
         moments = np.diagonal(inertia, axis1=1, axis2=2)
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
-    def moments(self, rows: Float64Array) -> list[Twofold]:
-        """Return mass, first moment and second moment about the frame's origin: ten numbers of all variants."""
-        mass, centre, inertia = self.properties(rows)
+    def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
+        """Return mass, 3 first and 6 second moments about the link's origin, (variants,), in two doubles each."""
+        mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
         entries = [[Twofold(inertia[:, i, j]) for j in range(3)] for i in range(3)]
         half = (entries[0][0] + entries[1][1] + entries[2][2]) * Twofold(0.5)
         second = [
             (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j])
-            for i, j in _MOMENT_ENTRIES
+            for i, j in _UPPER_TRIANGLE_INDICES
         ]
         return [Twofold(mass), *first, *second]
 
 
-class PayloadVariants:
-    """Variants of a scene of a robot that differ in the mass properties of payloads.
+class PayloadVariantComputer:
+    """Computes the outputs of a robot's scene for many payloads, that differ in mass properties only, in one call.
 
     Args:
-        scene: as its file has it.
-        robot: without the payloads whose numbers are varied.
-        payloads: those whose numbers are varied, by link.
-        outputs: what is computed of each variant; None for all that the scene has.
+        scene: scene as its file describes it.
+        robot: robot without the payloads whose mass properties are varied.
+        payloads: payloads whose mass properties are varied, by link.
+        outputs: names of the outputs to compute for each variant; None for all that the scene has.
     """
 
     def __init__(
         self,
         scene: MechanismScene,
         robot: Mechanism,
-        payloads: Mapping[str, _Payload],
+        payloads: Mapping[str, _VariedPayload],
         outputs: Sequence[str] | None,
     ) -> None:
         self._scene, self._robot, self._outputs = scene, robot, outputs
         self._payloads = tuple(payloads.values())
         self._links = tuple(payloads)
 
-    def compute(self, rows: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return the instants, (samples,), and the outputs of all variants by name, (variants, samples, ...).
+    def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
+        """Return instants [s] and outputs by name, (variants, samples, ...); None if a payload needs a full check.
 
         Args:
-            rows: the varied numbers; (variants, numbers).
-
-        Returns:
-            None where the properties of a variant need a closer look, which reading its scene takes.
+            numbers: values of the varied numbers; (variants, numbers).
         """
-        if not all(payload.is_plain(rows) for payload in self._payloads):
+        if not all(payload.is_clearly_valid(numbers) for payload in self._payloads):
             return None
         result, program = self._result, self._program
-        loaded = result if program is None else replace(result, forces=program.forces(self._moments(rows)))
-        lead = (len(rows), len(result.t))
+        loaded = result if program is None else replace(result, forces=program.compute(self._mass_moments(numbers)))
+        variants_and_samples = (len(numbers), len(result.t))
         arrays = {}
-        for (name, array), plain in zip(loaded.chosen().items(), result.chosen().values(), strict=True):
-            own = array if array.ndim > plain.ndim else array[None]
-            arrays[name] = np.broadcast_to(own, (*lead, *plain.shape[1:]))
+        for (name, array), unloaded in zip(loaded.chosen().items(), result.chosen().values(), strict=True):
+            by_variant = array if array.ndim > unloaded.ndim else array[None]
+            arrays[name] = np.broadcast_to(by_variant, (*variants_and_samples, *unloaded.shape[1:]))
         return result.t, arrays
 
-    def _moments(self, rows: Float64Array) -> list[Twofold]:
-        return [moment for payload in self._payloads for moment in payload.moments(rows)]
+    def _mass_moments(self, numbers: Float64Array) -> list[Twofold]:
+        return [moment for payload in self._payloads for moment in payload.mass_moments(numbers)]
 
     @functools.cached_property
     def _result(self) -> MechanismSceneResult:
-        """The scene as its file has it, of which all but the forces is that of every variant."""
+        """Result of the scene as its file describes it; its motion is that of every variant."""
         return self._scene.evaluate(self._outputs)
 
     @functools.cached_property
-    def _program(self) -> _Program | None:
+    def _program(self) -> _PayloadForceProgram | None:
         """Computation of the forces; None where no force is an output."""
         forces = self._result.forces
-        return None if forces is None else _Program(self._result, forces.outputs, self._robot, self._links)
+        return (
+            None if forces is None else _PayloadForceProgram(self._result, forces.outputs, self._robot, self._links)
+        )
 
 
-class _Program:
-    """Computation of a robot's forces along a scene's motion for many payloads.
+class _PayloadForceProgram:
+    """Program that computes a robot's joint and base forces along a scene's motion for many payloads at a time.
 
     Args:
-        result: the scene's result, which knows the motion.
-        outputs: out of tau, force1 and torque1.
-        robot: without the payloads.
-        links: those that carry one.
+        result: the scene's result, which has the motion.
+        outputs: names of the forces to compute: some of tau, force1 and torque1.
+        robot: robot without the payloads.
+        links: names of the links that carry a payload.
     """
 
     def __init__(
@@ -192,14 +186,14 @@ class _Program:
         ]
         self._numbers = np.array(numbers)
         kind: Any = joint_results_class(MechanismForces, constants.names)
-        self._problem = RobotComputation(self._with_parameters(constants), tuple(outputs), free, (), (), kind)
+        self._problem = RobotComputation(self._with_payload_parameters(constants), tuple(outputs), free, (), (), kind)
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
         self._values = read_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
-        given = (*self._values.parts, "constants")
-        self._call = self._problem.call(given, result.scene.gravity, result.scene.backend)
+        arguments = (*self._values.parts, "constants")
+        self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
 
-    def _with_parameters(self, constants: RobotConstants) -> RobotConstants:
-        """Return the constants of a robot whose programs fold no number that payloads change."""
+    def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
+        """Return a copy of a robot's constants in which each number that a payload changes is a program parameter."""
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
         return replace(constants, form=form, numbers=parameters, bounds=(0.0,) * len(parameters), cache={})
@@ -208,63 +202,64 @@ class _Program:
     def _parameters(self) -> list[int]:
         return [column for column, known in enumerate(self._known) if known is None]
 
-    def forces(self, moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the forces of all variants, by the ten moments of every payload; (variants, samples, ...)."""
-        numbers = np.tile(self._numbers, (len(moments[0].high), 1))
+    def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
+        """Return the forces of all variants, (variants, samples, ...), from the ten mass moments of each payload."""
+        numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
             total = exact
             for k, slope in slopes:
-                total = total + moments[k] * slope
+                total = total + mass_moments[k] * slope
             numbers[:, column] = total.high
-        own = np.ascontiguousarray(numbers[:, None, self._parameters] + 0.0)
-        shapes = {**self._values.shapes, "payload": own.shape[:-1]}
-        forces: MechanismForces = self._call.run({**self._values.parts, "constants": own}, shapes)
+        constants = np.ascontiguousarray(numbers[:, None, self._parameters] + 0.0)
+        shapes = {**self._values.shapes, "payload": constants.shape[:-1]}
+        forces: MechanismForces = self._call.run({**self._values.parts, "constants": constants}, shapes)
         return forces
 
 
 def _twofold(number: Fraction) -> Twofold:
-    """Return the number of twice the precision that is nearest to an exact one."""
+    """Return the number of twice the precision of a double that is nearest to a fraction."""
     high = float(number)
     return Twofold(high, float(number - Fraction(high)))
 
 
-def payload_variants(
+def payload_variant_computer(
     scene: MechanismScene,
-    bare: Mechanism,
-    mechanism: Table,
+    unloaded_robot: Mechanism,
+    mechanism_table: Table,
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
-) -> PayloadVariants | None:
-    """Return the variants of a scene if they differ in masses, centres and principal moments of payloads alone.
+) -> PayloadVariantComputer | None:
+    """Return a computer of variants that differ in payload masses, centres or inertias only; None for others.
 
     Args:
-        scene: as its file has it.
-        bare: the robot without any payload.
-        mechanism: the table [mechanism].
-        keys: steps that lead to the varied numbers.
-        outputs: what is computed of each variant; None for all that the scene has.
-
-    Returns:
-        None where another number is varied.
+        scene: scene as its file describes it.
+        unloaded_robot: the robot without any payload.
+        mechanism_table: the scene's table [mechanism].
+        keys: paths of keys and indices that lead to the varied numbers.
+        outputs: names of the outputs to compute for each variant; None for all that the scene has.
     """
-    payload = mechanism.table("payload", required=False)
-    varied: dict[str, list[_Varied]] = {}
-    for place, steps in enumerate(keys):
-        if tuple(steps[:2]) != _PAYLOAD_PATH or len(steps) not in {4, 5}:
+    payload = mechanism_table.table("payload", required=False)
+    varied: dict[str, list[_VariedProperty]] = {}
+    for column, steps in enumerate(keys):
+        if tuple(steps[:2]) != ("mechanism", "payload") or len(steps) not in {4, 5}:
             return None
         link, name, *component = steps[2:]
         body = payload.table(str(link)).values
-        fits = component == [] if name == "mass" else name == "center_of_mass" and len(component) == 1
-        if not fits and not (name == "inertia" and len(component) == 1 and len(body["inertia"]) == 3):
+        is_supported = component == [] if name == "mass" else name == "center_of_mass" and len(component) == 1
+        if not is_supported and not (name == "inertia" and len(component) == 1 and len(body["inertia"]) == 3):
             return None
-        varied.setdefault(str(link), []).append(_Varied(place, str(name), int(component[0]) if component else 0))
-    payloads = {link: _payload(payload.table(link), tuple(own)) for link, own in varied.items()}
+        varied.setdefault(str(link), []).append(
+            _VariedProperty(column, str(name), int(component[0]) if component else 0)
+        )
+    payloads = {link: _read_payload(payload.table(link), tuple(numbers)) for link, numbers in varied.items()}
     others = {link: values for link, values in payload.values.items() if link not in varied}
-    robot = with_payload(bare, replace(mechanism, values={**mechanism.values, "payload": others}))
-    return PayloadVariants(scene, robot, payloads, outputs)
+    robot = with_payload(
+        unloaded_robot, replace(mechanism_table, values={**mechanism_table.values, "payload": others})
+    )
+    return PayloadVariantComputer(scene, robot, payloads, outputs)
 
 
-def _payload(table: Table, varied: tuple[_Varied, ...]) -> _Payload:
+def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
     values = table.read(BODY_KEYS, ("mass",))
-    per_mass = "inertia" not in values and any(own.name == "mass" for own in varied)
-    return _Payload(made(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied)
+    per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
+    return _VariedPayload(made(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied)

@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.results import column_names
 
 # By name, from values (variants, samples, components) and instants (samples,) to (variants, components).
-_REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
+_REDUCTION_FUNCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
     "min": lambda x, _: x.min(axis=1),
     "max": lambda x, _: x.max(axis=1),
     "absmax": lambda x, _: np.abs(x).max(axis=1),
@@ -26,33 +26,40 @@ _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = 
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
-NAMES: Final = (*_REDUCTIONS, "q5", "q50", "q95")
-"""Names of reductions; of quantiles, examples. NaN at an instant makes them NaN, or the first such instant."""
+REDUCTION_NAMES: Final = (*_REDUCTION_FUNCTIONS, "q5", "q50", "q95")
+"""Names of reductions; of the quantiles, examples.
+
+A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it makes it the first such instant.
+"""
 
 # Name of a quantile; its group is the percentage, 0 to 100.
-_QUANTILE_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
+_QUANTILE_NAME_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
 def is_reduction(name: object) -> bool:
-    """Return whether a value is the name of a reduction: one of `NAMES`, or a quantile in percent such as q2.5."""
-    return isinstance(name, str) and (name in _REDUCTIONS or _QUANTILE_PATTERN.fullmatch(name) is not None)
+    """Return whether a value names a reduction: one of `REDUCTION_NAMES`, or a quantile in percent such as q2.5."""
+    return isinstance(name, str) and (
+        name in _REDUCTION_FUNCTIONS or _QUANTILE_NAME_PATTERN.fullmatch(name) is not None
+    )
 
 
 def reduce_arrays(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
 ) -> dict[str, Float64Array]:
-    """Return the reductions of every component, by column name such as R2_x_max; shape (variants,) each.
+    """Return the reductions of every component over the instants, by column name such as R2_x_max; (variants,) each.
 
     Args:
-        t: the instants; shape (samples,).
-        arrays: by output name; shape (variants, samples, ...).
-        reductions: their names.
+        t: the instants [s]; shape (samples,).
+        arrays: outputs by name; shape (variants, samples, ...).
+        reductions: names of reductions.
     """
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     reduced: dict[str, Any] = {}
     for reduction in reductions:
-        quantile = _QUANTILE_PATTERN.fullmatch(reduction)
-        part = float(quantile[1]) / 100 if quantile else None
-        reduced[reduction] = _REDUCTIONS[reduction](flat, t) if part is None else np.quantile(flat, part, axis=1)
+        quantile = _QUANTILE_NAME_PATTERN.fullmatch(reduction)
+        if quantile:
+            reduced[reduction] = np.quantile(flat, float(quantile[1]) / 100, axis=1)
+        else:
+            reduced[reduction] = _REDUCTION_FUNCTIONS[reduction](flat, t)
     return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

@@ -20,20 +20,19 @@ from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.whole_file import whole_file
 
 STORE_SUFFIXES: Final = (".parquet", ".zarr")
-"""Endings of stores."""
+"""Endings of the names of stores."""
 
 Columns = Mapping[str, NDArray[Any]]
 
 
 class Store:
-    """The results of a sweep, chunk by chunk.
+    """Results of a sweep on disk: first a file for each finished chunk, at the end the store, which replaces them.
 
-    While a sweep runs, its finished chunks stand in the folder `<store>.parts`. The store itself appears when all of
-    them are there, and the folder goes.
+    While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes.
 
     Args:
-        path: of the store; ends in one of `STORE_SUFFIXES`.
-        identity: what the sweep is, in full: chunks of another one are not taken.
+        path: path of the store; ends in one of `STORE_SUFFIXES`.
+        identity: text that identifies the sweep; chunks of a sweep with another text are refused.
 
     Raises:
         ArgumentError: `out`: the store exists, its folder has chunks of another sweep, or it cannot be written.
@@ -46,7 +45,7 @@ class Store:
             raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(path)))
         self.path, self.identity = path, identity
         self.parts = path.with_name(f"{path.name}.parts")
-        with _naming_errors(self.parts):
+        with _convert_os_errors(self.parts):
             self.parts.mkdir(exist_ok=True)
             known = self.parts / "sweep.json"
             if not known.exists():
@@ -58,25 +57,25 @@ class Store:
                 expected = "a name of its own for each sweep (or remove this folder, whose chunks are of another one)"
                 raise ArgumentError("out", expected, quoted(str(self.parts)))
 
-    def missing(self, chunks: int) -> list[int]:
-        """Return the numbers of the chunks that are not finished."""
-        return [chunk for chunk in range(chunks) if not self._part(chunk).exists()]
+    def missing(self, chunk_count: int) -> list[int]:
+        """Return the indices of the chunks that are not finished."""
+        return [chunk for chunk in range(chunk_count) if not self._part(chunk).exists()]
 
     def add(self, chunk: int, columns: Columns) -> None:
-        """Keep the results of a chunk, whole or not at all."""
+        """Write the results of a finished chunk to its file, completely or not at all."""
         with whole_file(self._part(chunk)) as file:
             arrays: dict[str, Any] = dict(columns)
             np.savez(file, **arrays)
 
-    def finish(self, chunks: int, chunk_size: int) -> None:
-        """Make the store of all chunks, and remove them."""
+    def finish(self, chunk_count: int, chunk_size: int) -> None:
+        """Write the store from the files of all chunks, and delete the folder of these files."""
         write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
-        with _naming_errors(self.path):
-            write(self, chunks, chunk_size)
+        with _convert_os_errors(self.path):
+            write(self, chunk_count, chunk_size)
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the results of a finished chunk.
+        """Return the columns of a finished chunk by name, read from its file.
 
         Raises:
             ArgumentError: `out`: the file of the chunk is damaged.
@@ -94,8 +93,8 @@ class Store:
 
 
 @contextlib.contextmanager
-def _naming_errors(path: Path) -> Iterator[None]:
-    """Turn errors of the system in the `with` block into errors about `out`."""
+def _convert_os_errors(path: Path) -> Iterator[None]:
+    """Raise an ArgumentError about `out`, which names the path, instead of an OSError in the `with` block."""
     try:
         yield
     except OSError as error:
@@ -105,55 +104,58 @@ def _naming_errors(path: Path) -> Iterator[None]:
 
 
 def check_packages(path: Path) -> None:
-    """Refuse to begin where Dask, or the package of the store, is not installed.
+    """Check that Dask and the package that writes a store of this file ending are installed.
 
     Raises:
-        MissingDependencyError: names the package.
+        MissingDependencyError: a package is not installed; the message names it.
     """
     for package in ("dask", {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")):
         if find_spec(package) is None:
             raise MissingDependencyError("sweep", f"the package {package}: pip install 'hingepair[dask]'", "none")
 
 
-def _write_parquet(store: Store, chunks: int, _: int) -> None:
-    """Write one row for each variant, or for each variant and instant; one row group for each chunk."""
+def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
+    """Write the store as a Parquet file: a row for each variant (and instant), a row group for each chunk."""
     import pyarrow as pa
     from pyarrow import parquet
 
     writer: Any = None
     with contextlib.ExitStack() as opened:
         file = opened.enter_context(whole_file(store.path))
-        for chunk in range(chunks):
-            table = pa.table(_number_columns(store.read(chunk)))
+        for chunk in range(chunk_count):
+            table = pa.table(_scalar_columns(store.read(chunk)))
             if writer is None:
                 schema = table.schema.with_metadata({"sweep": store.identity})
                 writer = opened.enter_context(parquet.ParquetWriter(file, schema))
             writer.write_table(table.replace_schema_metadata(schema.metadata))
 
 
-def _number_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return columns of scalars; where results have instants, with one row for each variant and instant."""
+def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
+    """Return one-dimensional columns of scalars by name such as R2_x, with a row for each variant and instant.
+
+    Where the results have no instants, each row is a variant.
+    """
     if "t" not in columns:
         return dict(columns)
     count, samples = columns["t"].shape
-    found: dict[str, NDArray[Any]] = {}
+    scalars: dict[str, NDArray[Any]] = {}
     for name, array in columns.items():
         if array.ndim == 1:
-            found[name] = np.repeat(array, samples)
+            scalars[name] = np.repeat(array, samples)
         else:
             flat = array.reshape(count * samples, -1)
             endings = _component_suffixes(array.shape[2:])
-            found |= {f"{name}{ending}": np.ascontiguousarray(flat[:, k]) for k, ending in enumerate(endings)}
-    return found
+            scalars |= {f"{name}{ending}": np.ascontiguousarray(flat[:, k]) for k, ending in enumerate(endings)}
+    return scalars
 
 
-def _component_suffixes(tail: tuple[int, ...]) -> list[str]:
-    letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(tail)]
-    return [f"_{own}" if own else "" for own in letters]
+def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
+    letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(shape)]
+    return [f"_{text}" if text else "" for text in letters]
 
 
-def _write_zarr(store: Store, chunks: int, chunk_size: int) -> None:
-    """Write a group of arrays whose first axis is that of the variants; the second is that of the instants."""
+def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
+    """Write the store as a Zarr group of arrays; their first axis counts variants, their second instants."""
     import zarr
 
     unfinished = store.parts / "store.zarr"
@@ -161,8 +163,8 @@ def _write_zarr(store: Store, chunks: int, chunk_size: int) -> None:
         shutil.rmtree(unfinished)
     group: Any = zarr.create_group(store=str(unfinished))
     group.attrs["sweep"] = json.loads(store.identity)
-    total = (chunks - 1) * chunk_size + len(store.read(chunks - 1)["variant"])
-    for chunk in range(chunks):
+    total = (chunk_count - 1) * chunk_size + len(store.read(chunk_count - 1)["variant"])
+    for chunk in range(chunk_count):
         columns = store.read(chunk)
         first = chunk * chunk_size
         for name, array in columns.items():

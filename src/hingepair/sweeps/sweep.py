@@ -23,21 +23,20 @@ from hingepair.errors import ArgumentError, HingePairError, MissingDependencyErr
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
 from hingepair.scenes.tables import Table, read_tables
-from hingepair.sweeps.designs import DESIGNS, design_values, read_varied
-from hingepair.sweeps.reductions import NAMES, is_reduction, reduce_arrays
+from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
+from hingepair.sweeps.reductions import REDUCTION_NAMES, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
-from hingepair.sweeps.variants import VariantComputer, check_number, parse_key
+from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
-# Keys and tables that the file of a sweep may have.
+# Keys that the file of a sweep may have.
 _SWEEP_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
-_SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
-_MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
-_CHUNK_STATES: Final = 200_000  # states of a chunk, likewise
-_OUTSIDE_ERRORS: Final = ("path", "out", "scheduler")  # arguments in errors that need no other sweep file
-_CONNECT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
+_SCENE_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
+_MAX_DEFAULT_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
+_STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
+_CONNECTION_TIMEOUT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
 
 Progress = Callable[[int, int], None]
-"""Is told the numbers of finished chunks and of all."""
+"""Takes the number of finished chunks and the number of all chunks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,17 +44,17 @@ class Sweep:
     """Sweep that a file describes: a scene, the varied numbers, and the division into chunks.
 
     Attributes:
-        title: what it is, in a sentence.
-        job: what a worker needs of it.
-        keys: the varied numbers, as they are written.
-        numbers: their values; (variants, numbers).
-        chunk: variants of a chunk.
-        identity: all that the results depend on, as JSON.
-        files: that it was read from.
+        title: title in a sentence.
+        task: the part of the sweep that workers need.
+        keys: keys of the varied numbers, as the file writes them, such as "pair.u1[0]".
+        numbers: values of the varied numbers; (variants, numbers).
+        chunk: number of variants in a chunk; the last chunk may have fewer.
+        identity: JSON text of all that the results depend on.
+        files: files that the sweep was read from: its own, and those of the scene.
     """
 
     title: str
-    job: SweepTask
+    task: SweepTask
     keys: tuple[str, ...]
     numbers: Float64Array
     chunk: int
@@ -73,8 +72,8 @@ class Sweep:
         return -(-self.variants // self.chunk)
 
     def default_store(self) -> Path:
-        """Return the name of the store unless another is given: the file's, .parquet of reductions, .zarr of all."""
-        return Path(f"{self.files[0].stem}{'.parquet' if self.job.reductions else '.zarr'}")
+        """Return the default path of the store: the sweep file's stem with .parquet (reductions) or .zarr."""
+        return Path(f"{self.files[0].stem}{'.parquet' if self.task.reductions else '.zarr'}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +81,11 @@ class SweepTask:
     """Part of a sweep that is sent to workers; it can be pickled.
 
     Attributes:
-        path: of the scene's file.
-        tables: what stands in it, as JSON.
-        keys: the varied numbers, as they are written.
-        outputs: what is computed; None for all that the scene has.
-        reductions: what is kept of it; empty for the whole motion.
+        path: path of the scene file.
+        tables: tables of the scene file as JSON text.
+        keys: keys of the varied numbers, as the sweep file writes them.
+        outputs: names of the outputs to compute; None for all that the scene has.
+        reductions: names of the reductions to store; empty to store the outputs at all instants.
     """
 
     path: str
@@ -97,99 +96,101 @@ class SweepTask:
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file; docs/scenes.md describes the format.
+    """Read a sweep from a TOML file, and compute its first variant as a check. docs/scenes.md describes the format.
 
     Raises:
-        SceneError: the file cannot be read as a sweep; names file, table and key.
+        SceneError: the file cannot be read as a sweep; the message names file, table and key.
     """
     table = read_tables(path)
-    if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
+    if "scene" not in table.values and not _SCENE_TABLE_NAMES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_SWEEP_KEYS)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)
-    design = table.choice("design", DESIGNS)
-    given = table.values.get("vary")
-    if not isinstance(given, list) or not given or not all(isinstance(own, dict) for own in given):
+    design = table.choice("design", DESIGN_NAMES)
+    entries = table.values.get("vary")
+    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         table.fail("vary", "tables [[vary]], one for each number that is varied")
-    varied = tuple(read_varied(_entry(table, i, own), design) for i, own in enumerate(given))
-    for i, own in enumerate(varied):
-        entry = _entry(table, i, given[i])
-        if own.key in {other.key for other in varied[:i]}:
-            entry.refuse("key", "a number that is varied once", quoted(own.key))
-        check_number(entry, scene.values, parse_key(entry, own.key))
-    samples, seed, chunk = (_read_whole_number(table, *one) for one in (("samples", 1), ("seed", 0), ("chunk", 1)))
+    tables = [Table(table.file, f"vary[{i}]", values, table.constants) for i, values in enumerate(entries)]
+    varied = tuple(read_varied_number(entry, design) for entry in tables)
+    for i, (entry, number) in enumerate(zip(tables, varied, strict=True)):
+        if number.key in {other.key for other in varied[:i]}:
+            entry.refuse("key", "a number that is varied once", quoted(number.key))
+        check_number_path(entry, scene.values, parse_key(entry, number.key))
+    samples, seed, chunk_size = (
+        _read_whole_number(table, key, minimum) for key, minimum in (("samples", 1), ("seed", 0), ("chunk", 1))
+    )
     if design == "grid":
         for name in ("samples", "seed"):
             if name in table.values:
                 table.refuse(name, 'no such key of a grid (design = "random" or "sobol" has it)', table.values[name])
     numbers = design_values(table, design, varied, samples, seed or 0)
-    reductions = _names(table, "reduce") or ()
+    reductions = _read_names(table, "reduce") or ()
     for name in reductions:
         if not is_reduction(name):
-            table.refuse("reduce", f"{choices(NAMES)}; of quantiles any, such as q2.5", quoted(name))
+            table.refuse("reduce", f"{choices(REDUCTION_NAMES)}; of quantiles any, such as q2.5", quoted(name))
     files = (Path(path), *scene_files(scene_path))
     contents = json.dumps(scene.values, sort_keys=True, default=str)
-    job = SweepTask(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
-    first = _variants(job)
+    task = SweepTask(
+        str(scene_path), contents, tuple(number.key for number in varied), _read_names(table, "outputs"), reductions
+    )
+    first = _variant_computer(task)
     with table.naming("outputs"), compile_at_first_call():
         try:
             first.compute(numbers[0])  # says at once what cannot be computed
         except SceneError as error:
-            raise SceneError(f"{_described(job, 0, numbers[0])}: {error.name}", error.expected, error.got) from None
-    size = chunk or max(
-        1, min(-(-len(numbers) // 4), max(len(numbers) // _MAX_CHUNKS, _CHUNK_STATES // first.samples))
-    )
+            raise SceneError(
+                f"{_variant_text(task, 0, numbers[0])}: {error.name}", error.expected, error.got
+            ) from None
+    if chunk_size is None:
+        states_limit = max(len(numbers) // _MAX_DEFAULT_CHUNKS, _STATES_PER_CHUNK // first.samples)
+        chunk_size = max(1, min(-(-len(numbers) // 4), states_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
-        job=job,
-        keys=job.keys,
+        task=task,
+        keys=task.keys,
         numbers=numbers,
-        chunk=size,
-        identity=_identity(job, numbers, size, files[1:]),
+        chunk=chunk_size,
+        identity=_identity_json(task, numbers, chunk_size, files[2:]),
         files=files,
     )
 
 
-def _entry(table: Table, number: int, values: dict[str, Any]) -> Table:
-    return Table(table.file, f"vary[{number}]", values, table.constants)
-
-
-def _read_whole_number(table: Table, name: str, least: int) -> int | None:
-    """Return the integer under a key, None where the key is missing; refuse one below `least`."""
-    value = table.values.get(name)
+def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
+    """Return the integer under a key of a table, None if the key is missing; raise SceneError if it is too small."""
+    value = table.values.get(key)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10**7:
-        table.fail(name, f"a whole number from {least} to 10000000")
+    if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value <= 10**7:
+        table.fail(key, f"a whole number from {minimum} to 10000000")
     return int(value)
 
 
-def _names(table: Table, name: str) -> tuple[str, ...] | None:
-    """Return the list of names under a key without repetitions, None where the key is missing."""
-    value = table.values.get(name)
+def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
+    """Return the names in the list under a key of a table, without repetitions; None if the key is missing."""
+    value = table.values.get(key)
     if value is None:
         return None
-    if not isinstance(value, list) or not value or not all(isinstance(own, str) for own in value):
-        table.fail(name, 'a list of names such as ["R2", "hinge_torque"]')
+    if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+        table.fail(key, 'a list of names such as ["R2", "hinge_torque"]')
     return tuple(dict.fromkeys(value))
 
 
-def _identity(job: SweepTask, numbers: Float64Array, chunk: int, files: Sequence[Path]) -> str:
-    """Return all that the results depend on, as JSON."""
+def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
+    """Return JSON text of all that the results of a sweep depend on; equal texts mean that chunks can be reused."""
     from hingepair import __version__
 
-    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files[1:]}
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in data_files}
     facts = {
         "hingepair": __version__,
-        "scene": json.loads(job.tables),
+        "scene": json.loads(task.tables),
         "files": digests,
-        "vary": job.keys,
+        "vary": task.keys,
         "values": hashlib.sha256(numbers.tobytes()).hexdigest(),
         "variants": len(numbers),
-        "chunk": chunk,
-        "outputs": job.outputs,
-        "reduce": job.reductions,
+        "chunk": chunk_size,
+        "outputs": task.outputs,
+        "reduce": task.reductions,
     }
     return json.dumps(facts, indent=1)
 
@@ -197,81 +198,82 @@ def _identity(job: SweepTask, numbers: Float64Array, chunk: int, files: Sequence
 def run_sweep(
     sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
 ) -> Path:
-    """Compute all variants of a sweep that are not computed yet, and write its store.
+    """Compute all variants of a sweep that are not stored yet, write its store, and return the path of the store.
 
     Args:
-        sweep: from `load_sweep`.
-        out: the store: .parquet or .zarr. What is finished stands beside it until all is; an interrupted sweep is
-            taken up where it was.
-        scheduler: address of a `dask.distributed` scheduler; threads of this process unless given.
+        sweep: a sweep from `load_sweep`.
+        out: path of the store; ends in .parquet or .zarr. Finished chunks are in the folder `<out>.parts` until all
+            are finished; an interrupted sweep continues from them.
+        scheduler: address of a `dask.distributed` scheduler; None computes on threads of this process.
         workers: number of these threads; -1 for one on every core.
-        progress: is told how far it is.
-
-    Returns:
-        The path of the store.
+        progress: is called after each chunk with the numbers of finished chunks and of all chunks.
 
     Raises:
-        ArgumentError: the store exists, cannot be written, the scheduler does not answer, or a variant cannot be
-            computed: names chunk, variant and its numbers.
+        ArgumentError: the store exists or cannot be written, the scheduler does not answer, or a variant cannot be
+            computed; the message then names the chunk, the variant and its numbers.
         MissingDependencyError: the extra dask is not installed.
     """
     check_packages(out)
     with contextlib.ExitStack() as connected:
         # A scheduler that does not answer leaves nothing behind.
-        client = None if scheduler is None else connected.enter_context(_client(scheduler))
-        _run(sweep, Store(out, sweep.identity), client, workers, progress)
+        client = None if scheduler is None else connected.enter_context(_connect(scheduler))
+        _compute_missing_chunks(sweep, Store(out, sweep.identity), client, workers, progress)
     return out
 
 
-def _run(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
-    """Compute the chunks that are missing, on a cluster's workers or on threads, and finish the store."""
+def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
+    """Compute the chunks that a store lacks, on threads or, with a Dask client, on its cluster; write the store."""
     missing = store.missing(sweep.chunks)
-    finished = itertools.count(sweep.chunks - len(missing) + 1)
+    finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
 
-    def add(number: int, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Store the columns of one finished chunk, and report the progress."""
-        store.add(number, columns)
-        with _LOCK:
+    def store_chunk(chunk_index: int, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Write the columns of a finished chunk to the store, and call `progress`."""
+        store.add(chunk_index, columns)
+        with lock:
             done = next(finished)
         if progress is not None:
             progress(done, sweep.chunks)
 
     try:
         if missing and client is None:
-            _on_threads(sweep, missing, add, execution_of("auto", workers).workers)
+            _compute_on_threads(sweep, missing, store_chunk, execution_of("auto", workers).workers)
         elif missing:
-            _on_cluster(client, sweep, missing, add)
+            _compute_on_cluster(client, sweep, missing, store_chunk)
         store.finish(sweep.chunks, sweep.chunk)
     except ArgumentError as error:
         kept = sweep.chunks - len(store.missing(sweep.chunks))
-        if kept and error.name in _OUTSIDE_ERRORS:
+        if kept and error.name in ("path", "out", "scheduler"):  # the sweep file need not change
             error.add_note(f"{kept} of {sweep.chunks} chunks are kept in {store.parts}: the sweep goes on from there")
         raise
 
 
 ChunkWriter = Callable[[int, Mapping[str, NDArray[Any]]], None]
-"""Takes the number and the results of a finished chunk."""
+"""Takes the index and the columns of a finished chunk."""
 
 
-def _on_threads(sweep: Sweep, missing: Sequence[int], add: ChunkWriter, threads: int) -> None:
-    """Compute chunks on threads of this process."""
+def _compute_on_threads(
+    sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
+) -> None:
+    """Compute chunks on threads of this process, and call `store_chunk` with the index and the columns of each."""
     import dask
 
-    def task(number: int) -> None:
-        first = number * sweep.chunk
-        add(number, compute_chunk(sweep.job, number, first, sweep.numbers[first : first + sweep.chunk]))
+    def compute_and_store(chunk_index: int) -> None:
+        first = chunk_index * sweep.chunk
+        store_chunk(
+            chunk_index, compute_chunk(sweep.task, chunk_index, first, sweep.numbers[first : first + sweep.chunk])
+        )
 
-    tasks = [dask.delayed(task, pure=False)(number) for number in missing]
+    tasks = [dask.delayed(compute_and_store, pure=False)(chunk_index) for chunk_index in chunk_indices]
     try:
-        dask.compute(*tasks, scheduler="threads", num_workers=threads, optimize_graph=False)
+        dask.compute(*tasks, scheduler="threads", num_workers=thread_count, optimize_graph=False)
     except (HingePairError, MemoryError, OSError):
         raise
     except Exception as error:
-        raise _chunk_error(error, "all chunks") from error
+        raise _error_of_chunk(error, "all chunks") from error
 
 
-def _client(scheduler: str) -> Any:
-    """Return a client of a cluster.
+def _connect(scheduler_address: str) -> Any:
+    """Return a Dask client that is connected to the scheduler at an address.
 
     Raises:
         ArgumentError: the scheduler does not answer.
@@ -283,24 +285,27 @@ def _client(scheduler: str) -> Any:
         needed = "the package distributed: pip install 'hingepair[dask]'"
         raise MissingDependencyError("scheduler", needed, str(error)) from None
     try:
-        return Client(scheduler, timeout=_CONNECT_SECONDS)
+        return Client(scheduler_address, timeout=_CONNECTION_TIMEOUT_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
-        raise ArgumentError("scheduler", expected, f"{scheduler!r} ({str(error).splitlines()[0]})") from None
+        raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
 
 
-def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: ChunkWriter) -> None:
-    """Compute chunks on the workers of a cluster; a chunk whose worker dies is computed by another."""
+def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
+    """Compute chunks on the workers of a Dask cluster, and call `store_chunk` with index and columns of each.
+
+    A chunk whose worker dies is computed by another worker. Warn if the cluster has no worker yet.
+    """
     from distributed import as_completed
 
     if not client.scheduler_info()["workers"]:
         address = client.scheduler.address
         sentence = f"the scheduler has no worker yet, and the sweep waits for one: dask worker {address} starts one"
         warnings.warn(sentence, stacklevel=2)
-    parts = {number: sweep.numbers[number * sweep.chunk : (number + 1) * sweep.chunk] for number in missing}
+    parts = {number: sweep.numbers[number * sweep.chunk : (number + 1) * sweep.chunk] for number in chunk_indices}
     futures = {
         client.submit(
-            compute_chunk, sweep.job, number, number * sweep.chunk, part, key=f"{_key(sweep)}-{number}", pure=False
+            compute_chunk, sweep.task, number, number * sweep.chunk, part, key=f"{_key(sweep)}-{number}", pure=False
         ): number
         for number, part in parts.items()
     }
@@ -308,13 +313,13 @@ def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: ChunkWri
         for future in as_completed(list(futures)):
             number = futures.pop(future)
             if future.status == "error":
-                raise _chunk_error(future.exception(), f"chunk {number}") from None
+                raise _error_of_chunk(future.exception(), f"chunk {number}") from None
             try:
                 columns = future.result()
             except (CancelledError, OSError, TimeoutError):
                 expected = "a dask.distributed scheduler that runs until the sweep is done"
                 raise ArgumentError("scheduler", expected, f"none any more at chunk {number}") from None
-            add(number, columns)
+            store_chunk(number, columns)
             future.release()
     finally:
         client.cancel(list(futures))
@@ -324,90 +329,98 @@ def _key(sweep: Sweep) -> str:
     return f"hingepair-sweep-{hashlib.sha256(sweep.identity.encode()).hexdigest()[:16]}"
 
 
-def _chunk_error(error: Any, where: str) -> Exception:
-    """Return an error that names a chunk."""
+def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
+    """Return the exception to raise for an exception of a worker; its message or a note to it names the chunk."""
     if isinstance(error, ArgumentError):
         return error
     if isinstance(error, HingePairError | MemoryError):
-        error.add_note(f"in {where}")
+        error.add_note(f"in {chunk_text}")
         return error
-    return ArgumentError("sweep", f"workers that finish {where}", f"{type(error).__name__}: {error}")
+    return ArgumentError("sweep", f"workers that finish {chunk_text}", f"{type(error).__name__}: {error}")
 
 
-def compute_chunk(job: SweepTask, chunk: int, first: int, numbers: Float64Array) -> dict[str, NDArray[Any]]:
-    """Compute some variants of a sweep: what a task does.
+def compute_chunk(
+    task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
+) -> dict[str, NDArray[Any]]:
+    """Compute the variants of one chunk of a sweep, and return its columns by name.
 
     Args:
-        job: of the sweep.
-        chunk: number of the chunk, for messages.
-        first: number of its first variant.
-        numbers: the varied numbers; (variants, numbers).
+        task: what to compute for each variant.
+        chunk_index: index of the chunk, for messages.
+        first_variant: index of the chunk's first variant in the sweep.
+        numbers: values of the varied numbers; (variants, numbers).
 
     Returns:
-        By name: "variant", the varied numbers by key, and the reductions, (variants,) each; of whole motions "t",
+        "variant", the varied numbers by key, and either the reductions, (variants,) each, or "t",
         (variants, samples), and the outputs, (variants, samples, ...).
 
     Raises:
-        ArgumentError: a variant cannot be computed: names it.
+        ArgumentError: a variant cannot be computed; the message names it.
     """
-    variants = _variants(job)
-    step = max(1, _CHUNK_STATES // variants.samples)
+    computer = _variant_computer(task)
+    step = max(1, _STATES_PER_CHUNK // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
     with compile_at_first_call():
         for start in range(0, len(numbers), step):
             rows = numbers[start : start + step]
-            together = variants.compute_together(rows)
+            together = computer.compute_together(rows)
             if together is None:
-                parts += _one_by_one(variants, job, chunk, first + start, rows)
+                parts += _compute_one_by_one(computer, task, chunk_index, first_variant + start, rows)
             else:
-                parts.append(_kept(*together, job))
-    columns = {"variant": np.arange(first, first + len(numbers))}
-    columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(job.keys)}
+                parts.append(_result_columns(*together, task))
+    columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
+    columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.keys)}
     try:
         return columns | {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     except (ValueError, KeyError):
         expected = "variants with as many instants and the same outputs each, to be kept whole (or reduce = [...])"
-        raise ArgumentError(f"chunk {chunk}", expected, "variants that differ") from None
+        raise ArgumentError(f"chunk {chunk_index}", expected, "variants that differ") from None
 
 
-def _one_by_one(
-    variants: VariantComputer, job: SweepTask, chunk: int, first: int, numbers: Float64Array
+def _compute_one_by_one(
+    computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield what is kept of each variant; arguments and errors are those of `compute_chunk`."""
+    """Compute variants one at a time; yield the result columns of each. Arguments are those of `compute_chunk`."""
     for i, row in enumerate(numbers):
         try:
-            t, arrays = variants.compute(row)
-            yield _kept(t, {name: array[None] for name, array in arrays.items()}, job)
+            t, arrays = computer.compute(row)
+            yield _result_columns(t, {name: array[None] for name, array in arrays.items()}, task)
         except ArgumentError as error:
-            where = f"chunk {chunk}, {_described(job, first + i, row)}: {error.name}"
+            where = f"chunk {chunk_index}, {_variant_text(task, first_variant + i, row)}: {error.name}"
             raise ArgumentError(where, error.expected, error.got) from None
 
 
-def _described(job: SweepTask, variant: int, row: Float64Array) -> str:
-    """Return how messages name a variant: by its number and its values."""
-    values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(job.keys, row.tolist(), strict=True))
-    return f"variant {variant} ({values})"
+def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) -> str:
+    """Return the text that names a variant in messages: its index and the values of its varied numbers."""
+    values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(task.keys, numbers.tolist(), strict=True))
+    return f"variant {variant_index} ({values})"
 
 
-def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: SweepTask) -> dict[str, NDArray[Any]]:
-    """Return the reductions of variants, (variants,) each, or "t" and all outputs, (variants, samples, ...)."""
-    if job.reductions:
-        return {**reduce_arrays(t, arrays, job.reductions)}
+def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask) -> dict[str, NDArray[Any]]:
+    """Return the columns to store by name: reductions, (variants,), or "t" and outputs, (variants, samples, ...).
+
+    Args:
+        t: instants [s]; (samples,).
+        arrays: outputs by name; (variants, samples, ...).
+        task: says which reductions to store, if any.
+    """
+    if task.reductions:
+        return {**reduce_arrays(t, arrays, task.reductions)}
     count = len(next(iter(arrays.values())))
     return {"t": np.broadcast_to(t, (count, len(t))), **arrays}
 
 
-_LOCK = threading.Lock()  # of what the threads of a worker share
+_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
 
 
-def _variants(job: SweepTask) -> VariantComputer:
-    """Return the variants of a job, which a worker makes once."""
-    with _LOCK, compile_at_first_call():
-        return _made_variants(job)
+def _variant_computer(task: SweepTask) -> VariantComputer:
+    """Return the computer of a task's variants, which each process makes once and keeps."""
+    with _COMPUTER_CACHE_LOCK, compile_at_first_call():
+        return _cached_variant_computer(task)
 
 
 @functools.lru_cache(maxsize=4)
-def _made_variants(job: SweepTask) -> VariantComputer:
-    values = json.loads(job.tables)
-    keys = [parse_key(Table("", "", {}, {}), key) for key in job.keys]
-    return VariantComputer(job.path, values, keys, job.outputs)
+def _cached_variant_computer(task: SweepTask) -> VariantComputer:
+    values = json.loads(task.tables)
+    keys = [parse_key(Table("", "", {}, {}), key) for key in task.keys]
+    return VariantComputer(task.path, values, keys, task.outputs)

@@ -23,25 +23,25 @@ if TYPE_CHECKING:
 
     from hingepair.scenes.mechanisms.scene import MechanismScene
 
-COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
-"""What the columns of a study are: the position [m] and the rotation vector [rad] of body 2, world axes."""
+POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
+"""Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
 _MAX_INSTANTS: Final = 101  # of a scene, evenly spread
-_BLOCK_STATES: Final = 200_000  # states of sampled pairs that are computed at a time
-_QUANTILES: Final = (0.025, 0.975)  # ends of the band
-_BAND_WIDTH: Final = 1.96  # half the width of that band of a normal distribution, in standard deviations
+_STATES_PER_BLOCK: Final = 200_000  # states of sampled pairs that are computed at a time
+_BAND_QUANTILES: Final = (0.025, 0.975)  # ends of the band
+_BAND_HALF_WIDTH_IN_STD: Final = 1.96  # half the width of that band of a normal distribution, in standard deviations
 
 
 class Band(NamedTuple):
-    """The band of one component of the pose at one instant.
+    """Deviations of one component of the pose of body 2 at one instant: standard deviations and middle 95 %.
 
     Attributes:
-        component: one of `COMPONENTS`.
-        unit: of the sizes.
+        component: one of `POSE_COMPONENT_NAMES`.
+        unit: unit of the four numbers that follow: m or rad.
         first_order_std: standard deviation to first order.
-        sampled_std: that of the sampled pairs.
+        sampled_std: standard deviation of the sampled pairs.
         low: lower end of the middle 95 % of the sampled pairs.
-        high: upper end.
+        high: upper end of the middle 95 % of the sampled pairs.
         t: the instant [s].
     """
 
@@ -60,17 +60,17 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """Deviations of the pose of body 2 along a scene under tolerances; columns are those of `COMPONENTS`.
+    """Deviations of the pose of body 2 along a scene under tolerances; columns are those of `POSE_COMPONENT_NAMES`.
 
     Attributes:
-        title: of the scene.
+        title: title of the scene.
         t: instants [s]; (N,).
         std: standard deviations to first order; (N, 6).
-        sampled_std: those of sampled pairs; (N, 6).
+        sampled_std: standard deviations of the sampled pairs; (N, 6).
         band: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, 6).
-        contributions: variances that each dimension causes alone, to first order, by name; (N, 6).
+        contributions: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6).
         samples: number of sampled pairs.
-        tolerances: the standard deviations of the geometry, by argument.
+        tolerances: standard deviations of the geometry, by argument of `sample_pairs`.
     """
 
     title: str
@@ -83,20 +83,23 @@ class ToleranceStudy(Frozen, Shown):
     tolerances: Mapping[str, Any]
 
     def shares(self) -> dict[str, tuple[float, float]]:
-        """Return the parts of the mean variance of R2 and of the attitude that each dimension causes.
+        """Return by dimension the fractions, 0 to 1, that it causes of the variances of R2 and of the attitude.
 
-        The first has the largest part of either; dimensions that do not scatter are left out.
+        The variances are means over the instants. The dimension with the largest fraction comes first; dimensions
+        without scatter are left out.
         """
-        variances = {n: np.array((own[:, :3].sum(), own[:, 3:].sum())) for n, own in self.contributions.items()}
-        whole = np.maximum(np.sum([*variances.values()], axis=0), np.finfo(np.float64).tiny)
-        sums = {name: own / whole for name, own in variances.items()}
-        parts = {name: (float(own[0]), float(own[1])) for name, own in sums.items() if own.any()}
-        return dict(sorted(parts.items(), key=lambda item: -max(item[1])))
+        variances = {
+            name: np.array((array[:, :3].sum(), array[:, 3:].sum())) for name, array in self.contributions.items()
+        }
+        total = np.maximum(np.sum([*variances.values()], axis=0), np.finfo(np.float64).tiny)
+        fractions = {name: variance / total for name, variance in variances.items()}
+        shares = {name: (float(pair[0]), float(pair[1])) for name, pair in fractions.items() if pair.any()}
+        return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
     def bands(self) -> list[Band]:
-        """Return the band of each component where its first-order deviation is largest."""
+        """Return the `Band` of each component at the instant of its largest first-order standard deviation."""
         rows = []
-        for k, name in enumerate(COMPONENTS):
+        for k, name in enumerate(POSE_COMPONENT_NAMES):
             i = int(np.argmax(self.std[:, k]))
             sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k], self.t[i])
             rows.append(Band(name, "m" if k < 3 else "rad", *map(float, sizes)))
@@ -104,7 +107,7 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Sentence that names the dimension of the largest effect."""
+        """Sentence that names the dimensions that cause most of the variance of R2 and of the attitude."""
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
         texts = [
@@ -115,7 +118,7 @@ class ToleranceStudy(Frozen, Shown):
         return "; ".join(texts)
 
     def to_json(self) -> str:
-        """Return bands and shares as JSON."""
+        """Return title, tolerances, bands, shares and verdict as JSON text."""
         return json_text(
             {
                 "title": self.title,
@@ -129,7 +132,7 @@ class ToleranceStudy(Frozen, Shown):
         )
 
     def plot(self) -> Figure:
-        """Draw the bands over time, first order and sampled, and the part that each dimension has in them.
+        """Return a Matplotlib figure: the bands over time, first order and sampled, and the shares of each dimension.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -141,14 +144,16 @@ class ToleranceStudy(Frozen, Shown):
 
         figure = Figure(figsize=(10, 10), layout="constrained")
         grid = figure.add_gridspec(4, 2)
-        for k, name in enumerate(COMPONENTS):
+        for k, name in enumerate(POSE_COMPONENT_NAMES):
             axes = figure.add_subplot(grid[k % 3, k // 3])
             unit, scale = ("mm", 1e3) if k < 3 else ("mrad", 1e3)
             low, high = scale * self.band[:, :, k].T
             axes.fill_between(self.t, low, high, alpha=0.3, linewidth=0, label=f"95 % of {self.samples} pairs")
             for sign in (-1, 1):
                 label = "first order" if sign > 0 else None
-                axes.plot(self.t, sign * scale * _BAND_WIDTH * self.std[:, k], "k--", linewidth=0.8, label=label)
+                axes.plot(
+                    self.t, sign * scale * _BAND_HALF_WIDTH_IN_STD * self.std[:, k], "k--", linewidth=0.8, label=label
+                )
             axes.set_ylabel(f"{name} [{unit}]")
             axes.grid(alpha=0.3)
             if k % 3 == 2:
@@ -158,7 +163,7 @@ class ToleranceStudy(Frozen, Shown):
         shares = self.shares()
         axes, places = figure.add_subplot(grid[3, :]), np.arange(len(shares))
         for k, what in enumerate(("R2", "attitude")):
-            axes.bar(places + 0.4 * k - 0.2, [100 * own[k] for own in shares.values()], 0.4, label=what)
+            axes.bar(places + 0.4 * k - 0.2, [100 * fractions[k] for fractions in shares.values()], 0.4, label=what)
         axes.set_xticks(places, [*shares])
         axes.set_ylabel("part of the variance [%]")
         axes.legend(fontsize="small")
@@ -170,7 +175,7 @@ class ToleranceStudy(Frozen, Shown):
         return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
 
     def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
-        """Return the printed tables, headings first: the bands, and the part of each dimension."""
+        """Return two tables of text, each as rows of cells with the headings first: the bands, and the shares."""
         heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")
         bands = [heading, *(band.cells() for band in self.bands())]
         shares = [("dimension", "of R2's variance", "of the attitude's")]
@@ -178,11 +183,11 @@ class ToleranceStudy(Frozen, Shown):
         return bands, shares
 
 
-def tolerances_of(scene: Scene) -> dict[str, Any]:
-    """Return the standard deviations in the table [tolerances] of a scene, by argument of `sample_pairs`.
+def read_tolerances(scene: Scene) -> dict[str, Any]:
+    """Return the standard deviations in the table [tolerances] of a scene, by argument name of `sample_pairs`.
 
     Raises:
-        SceneError: an unknown key, or a value that is neither a number nor, but for the axis, three.
+        SceneError: a key is unknown, or a value is neither a number nor a list of three (for the axis: not a number).
     """
     table = scene.tables.table("tolerances", required=False)
     table.check_keys(STANDARD_DEVIATIONS)
@@ -195,40 +200,40 @@ def tolerances_of(scene: Scene) -> dict[str, Any]:
 def study_tolerances(
     scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
 ) -> ToleranceStudy:
-    """Compute what tolerances make of the pose of body 2 along a scene, to first order and by sampled pairs.
+    """Return a `ToleranceStudy`: the scatter of body 2's pose along a scene, to first order and by sampled pairs.
 
     Args:
-        scene: whose pair and motion of body 1 and psi are taken; at most 101 instants, evenly spread.
+        scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.
         samples: number of pairs that are sampled.
-        seed: an integer for the same pairs every time.
-        **std: standard deviations by argument of `sample_pairs`; those not named are those of [tolerances].
+        seed: seed of the sampled pairs; None for other pairs at every call.
+        **std: standard deviations by argument name of `sample_pairs`; the others are those of [tolerances].
 
     Raises:
-        ArgumentError: nothing scatters, or a value cannot be used; names it.
+        ArgumentError: no standard deviation is given, or a value cannot be used; the message names it.
     """
     if not isinstance(scene, Scene):
         scene.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-    own = {**tolerances_of(scene), **std}
-    if not own:
+    tolerances = {**read_tolerances(scene), **std}
+    if not tolerances:
         expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"
         raise SceneError(f"{scene.path}: tolerances", expected, "none")
     rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, _MAX_INSTANTS)).astype(np.intp))
     pair, t = scene.space, np.asarray(scene.motion.t[rows])
     moved = scene.motion.given.part(rows, POSE).in_space(scene.pair)
     body1, psi = BodyMotion(R=moved.body1.R, S=moved.body1.S), moved.psi
-    linear = pair.propagate_covariance(body1, psi, **own)
-    made = sample_pairs(pair, samples, seed=seed, **own)
+    linear = pair.propagate_covariance(body1, psi, **tolerances)
+    sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
     mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
     sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
-    step = max(1, _BLOCK_STATES // samples)
+    step = max(1, _STATES_PER_BLOCK // samples)
     for start in range(0, len(t), step):
         part = slice(start, start + step)
         some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across
-        found = made.forward_kinematics_from_body1(some, psi[part, None], outputs=("d", "S2"))
-        turn = rotation_log(found.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
-        pose = np.concatenate((found.d - mean.d[part, None], turn), axis=-1)
+        sampled = sampled_pairs.forward_kinematics_from_body1(some, psi[part, None], outputs=("d", "S2"))
+        turn = rotation_log(sampled.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
+        pose = np.concatenate((sampled.d - mean.d[part, None], turn), axis=-1)
         sampled_std[part] = pose.std(axis=1)
-        band[part] = np.moveaxis(np.quantile(pose, _QUANTILES, axis=1), 0, 1)
+        band[part] = np.moveaxis(np.quantile(pose, _BAND_QUANTILES, axis=1), 0, 1)
     return ToleranceStudy(
         title=scene.title,
         t=t,
@@ -237,5 +242,5 @@ def study_tolerances(
         band=band,
         contributions=linear.contributions(),
         samples=samples,
-        tolerances=own,
+        tolerances=tolerances,
     )

@@ -21,36 +21,36 @@ from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import COORDINATE_OUTPUTS, SCENE_OUTPUTS, Scene, scene_of, with_constants
 from hingepair.scenes.tables import Key, Table, numbers_key
-from hingepair.sweeps.payloads import PayloadVariants, payload_variants
+from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_computer
 
-FORCE_OUTPUTS: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
+PAIR_FORCE_OUTPUT_NAMES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
 # One part of the path to a number of a scene: a key, then indices in brackets.
-_KEY_STEP_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+_VARY_KEY_PART_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
-_GEOMETRY: Final = ("u1", "u2", "n", "home", "body1", "body2")
+_GEOMETRY_AND_MASS_KEYS: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
 
-class HeldMotion:
-    """A motion of which each part is computed once, as the scenes of all variants take it.
+class CachedMotion:
+    """Motion of a scene that computes each requested part once and keeps it for the scenes of all variants.
 
     Args:
-        given: the motion.
-        level: the highest derivative that there is.
+        motion: the motion whose parts are kept.
+        level: the highest derivative that the motion has.
         sequence: Euler sequence of body 1; None where its attitude does not come as three Euler angles.
     """
 
-    def __init__(self, given: Any, level: int, sequence: str | None = None) -> None:
+    def __init__(self, motion: Any, level: int, sequence: str | None = None) -> None:
         self.level, self.sequence = level, sequence
-        self._given = given
+        self._motion = motion
         self._parts: dict[Any, Any] = {}
 
     def part(self, rows: Any, order: int) -> Any:
-        """Return the motion at some of the instants, with derivatives up to an order."""
+        """Return the motion at some instants, with derivatives up to `order`; keep it if `rows` is a slice."""
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
-            part = self._given.part(rows, order)
+            part = self._motion.part(rows, order)
             if key is None:
                 return part
             self._parts[key] = part
@@ -58,26 +58,26 @@ class HeldMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Return the steps that lead to a number: "pair.u1[0]" is ("pair", "u1", 0).
+    """Return the path of keys and list indices that a text means: "pair.u1[0]" is ("pair", "u1", 0).
 
     Raises:
-        SceneError: the key is not of this form.
+        SceneError: the text is not of this form; the message names `table`.
     """
     steps: list[str | int] = []
     for part in key.split("."):
-        found = _KEY_STEP_PATTERN.fullmatch(part)
-        if found is None:
+        match = _VARY_KEY_PART_PATTERN.fullmatch(part)
+        if match is None:
             table.fail("key", 'names with dots and places in brackets, such as "pair.u1[0]"')
-        steps.append(found[1])
-        steps += [int(place) for place in re.findall(r"\d+", found[2])]
+        steps.append(match[1])
+        steps += [int(place) for place in re.findall(r"\d+", match[2])]
     return tuple(steps)
 
 
-def check_number(table: Table, values: Mapping[str, Any], steps: Sequence[str | int]) -> None:
-    """Refuse steps that do not lead to a number of a scene, or an expression.
+def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[str | int]) -> None:
+    """Check that a path of keys and list indices leads to a number, or an expression, in the values of a scene file.
 
     Raises:
-        SceneError: names the step.
+        SceneError: the path leads elsewhere; the message names `table` and the step of the path that fails.
     """
     here: Any = values
     for step in steps:
@@ -95,13 +95,13 @@ def check_number(table: Table, values: Mapping[str, Any], steps: Sequence[str | 
 
 
 class VariantComputer:
-    """Computes the outputs of a scene for any values of some of its numbers.
+    """Computes the outputs of a scene for any values of its varied numbers; what they do not change is computed once.
 
     Args:
-        path: of the scene's file.
-        values: what stands in it.
-        keys: steps that lead to the varied numbers.
-        outputs: what is computed of each variant.
+        path: path of the scene file.
+        values: tables of the scene file.
+        keys: paths of keys and indices that lead to the varied numbers, from `parse_key`.
+        outputs: names of the outputs to compute for each variant; None for all that the scene has.
     """
 
     def __init__(
@@ -111,84 +111,84 @@ class VariantComputer:
         self._tables = Table(path, "", values, {})
         self._outputs = None if outputs is None else tuple(outputs)
         self._scene = scene_of(with_constants(self._tables), path)
-        self._kept = _leave_the_motion(self._scene, keys)
-        self._together: PayloadVariants | None = None
-        self._payload: Mechanism | None = None  # the robot without payload, where nothing else is varied
-        if self._kept and isinstance(self._scene, Scene):
+        self._motion_unaffected = _is_motion_unaffected(self._scene, keys)
+        self._payload_computer: PayloadVariantComputer | None = None
+        self._unloaded_robot: Mechanism | None = None  # the robot without payload, where nothing else is varied
+        if self._motion_unaffected and isinstance(self._scene, Scene):
             motion = self._scene.motion
-            given, sequence = motion.given, self._scene.sequence
+            coordinates, sequence = motion.given, self._scene.sequence
             if sequence is not None and self._outputs and not {*COORDINATE_OUTPUTS[:3]} & {*self._outputs}:
-                given, sequence = given.part(slice(None), motion.level).in_space(self._scene.pair), None
+                coordinates = coordinates.part(slice(None), motion.level).in_space(self._scene.pair)
+                sequence = None
             self._scene = replace(
-                self._scene, motion=replace(motion, given=HeldMotion(given, motion.level, sequence))
+                self._scene, motion=replace(motion, given=CachedMotion(coordinates, motion.level, sequence))
             )
-            pair = _with_plain_numbers(self._scene.tables.table("pair"), keys)
+            pair = _evaluate_unvaried_expressions(self._scene.tables.table("pair"), keys)
             self._tables = replace(self._tables, values={**values, "pair": pair})
-        elif self._kept and isinstance(self._scene, MechanismScene):
+        elif self._motion_unaffected and isinstance(self._scene, MechanismScene):
             joints = self._scene.joint_motion
             self._scene = replace(
-                self._scene, joint_motion=replace(joints, given=HeldMotion(joints.given, joints.level))
+                self._scene, joint_motion=replace(joints, given=CachedMotion(joints.given, joints.level))
             )
             if all(steps[:2] == ("mechanism", "payload") for steps in keys):
                 table = self._tables.table("mechanism")
-                bare = {name: own for name, own in table.values.items() if name != "payload"}
+                bare = {name: value for name, value in table.values.items() if name != "payload"}
                 tables = replace(self._scene.tables, values={**values, "mechanism": bare})
-                self._payload = read_mechanism(tables, self._path.parent)
-                self._together = payload_variants(self._scene, self._payload, table, keys, self._outputs)
+                self._unloaded_robot = read_mechanism(tables, self._path.parent)
+                self._payload_computer = payload_variant_computer(
+                    self._scene, self._unloaded_robot, table, keys, self._outputs
+                )
         self.samples = self._scene.samples
 
-    def compute(self, row: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-        """Return the instants and the outputs of one variant, by name.
+    def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+        """Return the instants [s], (samples,), and the outputs of one variant by name, (samples, ...).
 
         Args:
-            row: the varied numbers; shape (numbers,).
+            numbers: values of the varied numbers; shape (numbers,).
 
         Raises:
             ArgumentError: the scene cannot be read, or computed, with these numbers.
         """
-        scene = self._variant(row)
+        scene = self._scene_of_variant(numbers)
         if isinstance(scene, MechanismScene):
             return _compute_mechanism_outputs(scene, self._outputs)
         return _compute_pair_outputs(scene, self._outputs)
 
-    def compute_together(self, rows: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return the instants, (samples,), and the outputs by name, (variants, samples, ...), of several variants.
+    def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
+        """Return instants [s] and outputs by name, (variants, samples, ...); None where one-at-a-time is needed.
 
         Args:
-            rows: the varied numbers; (variants, numbers).
-
-        Returns:
-            None where variants can only be computed one by one.
+            numbers: values of the varied numbers; (variants, numbers).
         """
-        return None if self._together is None else self._together.compute(rows)
+        return None if self._payload_computer is None else self._payload_computer.compute(numbers)
 
-    def _variant(self, row: Float64Array) -> Scene | MechanismScene:
-        """Return the scene of one variant, whose varied numbers are those of a row."""
+    def _scene_of_variant(self, numbers: Float64Array) -> Scene | MechanismScene:
+        """Return the scene in which the varied numbers have the given values; shape (numbers,)."""
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
             values[str(root)] = copy.deepcopy(values[str(root)])
-        for steps, number in zip(self._keys, row.tolist(), strict=True):
+        for steps, number in zip(self._keys, numbers.tolist(), strict=True):
             here: Any = values
             for step in steps[:-1]:
                 here = here[step]
             here[steps[-1]] = number
         tables = replace(self._tables, values=values)
-        if not self._kept:
+        if not self._motion_unaffected:
             return scene_of(with_constants(tables), self._path)
         tables = replace(tables, constants=self._scene.tables.constants)
         if isinstance(self._scene, Scene):
             return replace(self._scene, pair=read_pair(tables.table("pair"), tables.flag("planar")), tables=tables)
-        if self._payload is not None:
-            robot = with_payload(self._payload, tables.table("mechanism"))
+        if self._unloaded_robot is not None:
+            robot = with_payload(self._unloaded_robot, tables.table("mechanism"))
         else:
             robot = read_mechanism(tables, self._path.parent)
         return replace(self._scene, mechanism=robot, tables=tables)
 
 
-def _with_plain_numbers(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return a table [pair] whose expressions are numbers, but for the keys that are varied.
+def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
+    """Return the values of table [pair] with numbers for expressions, but for varied keys and superfluous shapes.
 
-    Shapes of a body whose inertia is given have no part in its masses; they are left out unless they are varied.
+    The shapes of a body whose inertia is in the table do not determine its masses; they are left out unless varied.
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
@@ -202,11 +202,11 @@ def _with_plain_numbers(table: Table, keys: Sequence[Sequence[str | int]]) -> di
     return {**table.values, **values}
 
 
-def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
-    """Return whether numbers are such that the motion of the scene does not depend on them."""
+def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
+    """Return whether the motion of a scene is the same whatever values the numbers under the varied keys have."""
     if isinstance(scene, Scene):
         return scene.motion.simulated is None and all(steps[0] == "pair" for steps in keys)
-    of_joints = all(steps[0] == "joint" and steps[2] in _GEOMETRY for steps in keys if len(steps) > 2)
+    of_joints = all(steps[0] == "joint" and steps[2] in _GEOMETRY_AND_MASS_KEYS for steps in keys if len(steps) > 2)
     payload = all(steps[:2] == ("mechanism", "payload") for steps in keys)
     return payload or (of_joints and all(steps[0] == "joint" for steps in keys))
 
@@ -214,30 +214,30 @@ def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str
 def _compute_pair_outputs(
     scene: Scene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Compute the instants (N,) [s] of the scene of a pair and the requested outputs, with forces, by name."""
-    acting = [name for name in outputs or () if name in FORCE_OUTPUTS]
-    moving = None if outputs is None else [name for name in outputs if name not in FORCE_OUTPUTS]
-    known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCE_OUTPUTS)
+    """Return instants [s] and outputs by name, forces included; None for `outputs` means all of the motion."""
+    force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
+    motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
+    known = (*scene.kind.levels, *SCENE_OUTPUTS, *PAIR_FORCE_OUTPUT_NAMES)
     for name in outputs or ():
         if name not in known:
             raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
-    found: dict[str, NDArray[Any]] = {}
-    if moving is None or moving:
-        found |= scene.evaluate(moving).chosen()
-    if acting:
+    arrays: dict[str, NDArray[Any]] = {}
+    if motion_names is None or motion_names:
+        arrays |= scene.evaluate(motion_names).chosen()
+    if force_names:
         if scene.motion.level < ACCELERATION:
             scene.tables.refuse("motion", "a motion with accelerations, which forces need", scene.motion.origin)
         quiet = replace(scene.motion, derived=None)  # the noise of a log is not looked for in each variant
         forces = pair_scene_forces(quiet, scene.pair, scene.times(), None, scene.title, scene.files).recorded()
-        for name in acting:
+        for name in force_names:
             if name not in forces:
                 scene.tables.refuse("pair", f"masses and a kind of pair that {name} needs", "none")
-            found[name] = forces[name]
-    return scene.times(), found
+            arrays[name] = forces[name]
+    return scene.times(), arrays
 
 
 def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Compute the instants (N,) [s] of the scene of a mechanism and the requested outputs by name."""
+    """Return instants [s] and outputs by name of a robot's scene; None for `outputs` means all of them."""
     return scene.t, scene.evaluate(outputs).chosen()
