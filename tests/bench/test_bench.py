@@ -165,6 +165,7 @@ def test_every_repeat_goes_through_all_jobs():
     assert order == ["a", "b"] * 5
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux shows the states of threads")
 def test_no_job_is_timed_while_a_neighbour_still_works():
     seen, threads, data = [], [threading.Thread()], bytes(60_000_000)
@@ -188,6 +189,7 @@ def test_outputs_begin_where_they_are_said_to(shift):
     assert array.ctypes.data % 64 == shift
 
 
+@pytest.mark.slow
 def test_each_offset_has_a_row_beside_the_floor():
     rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
     assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OFFSET_BYTES_BY_ROW_NAME] * 2

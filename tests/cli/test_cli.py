@@ -206,6 +206,7 @@ def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch
     assert [r.largest for r in summed(scene).residuals()] == pytest.approx([1e-6, 1e-3], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
     shown = json.loads(hingepair("run", short_scene, "--json").stdout)["outputs"]
@@ -434,7 +435,7 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
     def fail() -> None:
         raise getattr(builtins, error)("unforeseen")
 
-    monkeypatch.setattr(main, "app", fail)
+    monkeypatch.setattr(main, "_command_tree", lambda: fail)
     assert main._run_app() == code
     assert "unforeseen" in capsys.readouterr().err
 

@@ -73,6 +73,7 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert any("smoothed: noise of" in note for note in json.loads(checked.output)["notes"])
 
 
+@pytest.mark.slow
 def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     done = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made)])
@@ -195,6 +196,7 @@ def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
     assert np.abs(names["pair"].home - found.pair.home).max() < 1e-15
 
 
+@pytest.mark.slow
 def test_a_report_on_what_is_no_hinge_says_so(tmp_path):
     report = tmp_path / "fit.md"
     slides = recording(300, slip=0.1 * np.sin(recording(300).t)[:, None] * (1, 2, -0.5))
@@ -209,6 +211,7 @@ def test_a_report_on_what_is_no_hinge_says_so(tmp_path):
     assert "a fixed pair" in report.read_text()
 
 
+@pytest.mark.slow
 def test_a_scene_of_a_recording_with_missing_samples_moves(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     made.R2[200:203] = np.nan

@@ -59,6 +59,7 @@ def test_all_robots_are_listed() -> None:
     assert [row["dof"] for row in whole] == [hp.load_robot(row["robot"]).dof for row in whole]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo", "kinova"])
 def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
     robot, rows = hp.load_robot(name), joints_of(name)

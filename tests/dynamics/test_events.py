@@ -46,6 +46,7 @@ def test_friction_holds_a_rod_where_it_is():
     assert held.steps < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", sparse([3.37, 1.0, 0.2, 7.77], 2))
 def test_a_swing_against_friction_loses_the_same_angle_each_time(start):
     """Each half swing is half a period about a centre that friction shifts by F / k, to the side it comes from."""
@@ -380,6 +381,7 @@ def crossed(level, direction=0):
     return event
 
 
+@pytest.mark.slow
 def test_a_motion_ends_at_the_event_of_the_user():
     t = np.linspace(0, 5, 51)
     whole = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12)

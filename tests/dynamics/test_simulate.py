@@ -38,6 +38,7 @@ def flywheel():
     return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=np.eye(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tol", sparse([1e-7, 1e-11], 2))
 def test_a_pendulum_swings_as_jacobi_says(tol):
     """Let go at 2 rad from rest below: sin(angle / 2) = k cd(w t), k = sin 1, of a compound pendulum."""
@@ -89,6 +90,7 @@ def test_motion_starts_where_it_is_told_to(base):
     assert (found.psi[0], found.psid[0]) == pytest.approx((0.3, 1.0), abs=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", sparse(range(3), 3))
 def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     rng = generator(30, seed)

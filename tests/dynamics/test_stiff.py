@@ -17,6 +17,7 @@ def wheel(inertia):
     return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=inertia * np.eye(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inertia", sparse([3e-5, 1.0, 1e-9], 2))
 def test_a_strong_damper_takes_no_short_steps(inertia):
     """J psi'' = A sin(w t) - d psi'; d / J is up to 1e13 1/s."""

@@ -52,6 +52,7 @@ def test_every_sequence(sequence):
     both(pair_of(rng, sequence.islower()), *coordinates(rng, 50), sequence=sequence, outputs=NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("home", sparse([False, True], 2, lambda home: "home" if home else "no_home"))
 @pytest.mark.parametrize("sequence", sparse(["XYZ", "zxz"], 2))
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
@@ -79,6 +80,7 @@ def test_every_count_around_the_block(count):
     assert (room[[0, -1]] == 7.0).all()
 
 
+@pytest.mark.slow
 def test_given_attitude():
     rng = generator(63)
     one, R, S = pair_of(rng), rng.normal(size=(40, 3)), rotations(rng, 40)
@@ -182,6 +184,7 @@ def test_sine_and_cosine_to_one_and_a_half_ulp():
                 assert abs(value - exact) <= bound * np.spacing(abs(float(exact))) + 5e-324, v
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_workers_change_nothing(backend):
     rng = generator(69)

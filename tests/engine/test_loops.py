@@ -153,6 +153,7 @@ def test_addresses_are_those_that_numpy_says(monkeypatch):
             assert array_reader.data_address(array) == array.ctypes.data
 
 
+@pytest.mark.slow
 def test_large_outputs_go_past_the_caches_and_workers_share():
     count = 150_001
     values = given(count)

@@ -423,6 +423,7 @@ def test_doubtful_units_are_asked_about(change: dict[str, object], words: str | 
     assert [bool(re.match(words, text)) for text in found.findings] == ([True] if words else [])
 
 
+@pytest.mark.slow
 def test_the_report_reads_plots_and_travels() -> None:
     found = hp.fit(*bodies(recording(400, 1e-3, 2e-3)))
     assert "+-" in str(found)

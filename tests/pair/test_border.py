@@ -133,6 +133,7 @@ def test_seven_that_broadcast(values, forms):
     require(found, expected, scales_of((packed, 0 * packed, 0 * packed)), 2)
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(hnp.arrays(np.float64, (3, 5, 7), elements=NUMBERS))

@@ -218,6 +218,7 @@ def test_power_is_the_rate_of_the_energy(case):
     assert power == pytest.approx(slope, abs=1e-7 * np.prod(size_of(pair, body1, psid, psidd)))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_the_hinge_carries_what_the_forces_say(case):
     pair, body1, (psi, psid, psidd), _ = case

@@ -89,6 +89,7 @@ def test_outputs_are_drawn_alone_and_in_their_units(excavator):
         hp.plot(excavator, ("taus",))
 
 
+@pytest.mark.slow
 def test_a_log_without_rates_shows_positions_alone(tmp_path):
     text = (MODELS / "excavator.toml").read_text()
     table = "[motion]\nfile = 'log.csv'\n"

@@ -155,6 +155,7 @@ def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
             scene_of(tmp_path, PAIR + text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [

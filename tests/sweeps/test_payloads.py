@@ -151,6 +151,7 @@ def test_the_masses_of_a_program_are_linear_in_a_payload():
     assert sum(any(row[k] for row in slopes) for k in range(len(bare))) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["", 'reduce = ["absmax", "q50", "t_min"]\n'])
 def test_variants_come_in_their_order_however_many_are_computed_at_once(ending, monkeypatch):
     sweep = sweep_of(crane("fixed"), VARIED, '"tau", "R"', ending)

@@ -329,6 +329,7 @@ def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
 MODELS = Path(__file__).parents[2] / "models" / "sweeps"
 
 
+@pytest.mark.slow
 def test_all_is_computed_with_kernels_whatever_a_worker_computed_before(monkeypatch):
     at_break_even, compiled_at_once = Program.kernel_at_break_even, []
 

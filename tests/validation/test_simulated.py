@@ -217,6 +217,7 @@ def test_a_body_that_turns_by_half_a_turn_a_sample_has_no_slope_to_compare():
     assert (rows["omega1"].samples, rows["omega1"].ok) == (0, True)
 
 
+@pytest.mark.slow
 def test_a_sample_that_is_not_finite_is_left_out(scenes):
     scene = scenes(SPACE, "fixed")
     psi = scene.motion.given.psi.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import traceback
 from collections.abc import Callable
@@ -67,7 +68,7 @@ def main() -> None:
 def _run_app() -> int:
     """Run the command that the process was called with, print its error, and return the exit code."""
     try:
-        app()
+        _command_tree()()
     except HingePairError as error:
         print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -82,6 +83,12 @@ def _run_app() -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
     return 0
+
+
+@functools.cache  # its signatures are read once, however many commands a process runs, as the tests do
+def _command_tree() -> Callable[[], object]:
+    """Return the command line as one callable that reads `sys.argv`, runs the command and exits."""
+    return typer.main.get_command(app)
 
 
 @app.callback(invoke_without_command=True)
