@@ -1,10 +1,10 @@
 """
-A gimbal near its lock
-======================
+A gimbal near gimbal lock
+=========================
 
-A camera gimbal that turns about yaw, pitch and roll has a singular position: at a pitch of 90 degrees yaw and
-roll turn about one line. What goes wrong near it, and what does not? The rates of the motors grow without
-bound; attitudes and angular velocities stay as exact as everywhere else.
+A camera gimbal with axes for yaw, pitch and roll has a singular position: at a pitch of 90 degrees, the axes of yaw
+and roll coincide (gimbal lock). Near this position, the rates of the motors grow without bound, while attitudes and
+angular velocities are computed as accurately as elsewhere.
 """
 
 import matplotlib.pyplot as plt
@@ -14,9 +14,10 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# First the motors. The camera follows a drone that passes overhead at a steady 20 degrees per second. The
-# closer the path is to the zenith, the faster yaw must turn: the rates are the inverse of E4, here in the order
-# yaw, pitch, roll (ZYX). The angle along the path counts from the highest point.
+# The first part computes the rates of the motors. The camera follows a drone that passes overhead at 20 degrees per
+# second. The closer its path is to the zenith, the faster the yaw motor must turn. The rates follow from the angular
+# velocity (the inverse of equation E4), here for the sequence yaw, pitch, roll (ZYX). The angle along the path is
+# zero at its highest point.
 along = np.radians(np.linspace(-60, 60, 1201))
 yaw_rates = {}
 for miss in (20, 5, 2):
@@ -28,9 +29,8 @@ for miss in (20, 5, 2):
     print(f"{miss:2} degrees from the zenith: yaw turns at up to {yaw_rates[miss].max():.0f} deg/s")
 
 # %%
-# Then the arithmetic. The hinge of the pair is a flap on the camera, body 1 the camera itself, whose pitch
-# comes closer and closer to 90 degrees. The true angular velocity of body 2 is computed with 50 digits
-# (mpmath).
+# The second part computes rounding errors. Body 1 is the camera, whose pitch approaches 90 degrees, and body 2 is a
+# flap on a hinge. The reference value of the angular velocity of body 2 is computed with 50 digits (mpmath).
 pair = hp.HingePair(u1=(0.05, 0, 0.02), u2=(0, 0.01, 0), n=(1, 2, 2))
 distance = np.logspace(0, -12, 61)  # of the pitch from 90 degrees [rad]
 rng = np.random.default_rng(3)
@@ -66,9 +66,9 @@ error = [
 ]
 
 # %%
-# The attitude is now handed over as it would be between two programs: turned into the axes of another frame and
-# back, which rounds each component of the matrix. Euler angles taken from it have lost yaw and roll, although
-# the attitude that these angles make together is right. Euler rates taken from omega1 lose digits likewise.
+# The rotation matrix of the camera is now transformed to another frame and back, as between two programs, which
+# rounds each component. Yaw and roll computed from it lose digits, although the rotation matrix of these Euler angles
+# is accurate. Euler rates computed from omega1 lose digits likewise.
 other = hp.rotation_exp((0.3, -0.5, 0.7))
 received = other.T @ (other @ state.S1)
 angles = hp.matrix_to_euler(received, sequence="ZYX")
@@ -80,7 +80,7 @@ print(f"omega2: largest error {max(error):.1e} rad/s, largest bound {bound.max()
 figure, (motors, errors) = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
 for miss, rate in yaw_rates.items():
     motors.plot(np.degrees(along) / 20, rate, label=f"{miss} degrees from the zenith")
-motors.set(xlabel="t [s]", ylabel="rate of the yaw motor [deg/s]", yscale="log", title="What the motors must do")
+motors.set(xlabel="t [s]", ylabel="rate of the yaw motor [deg/s]", yscale="log", title="Rate of the yaw motor")
 motors.axhline(20, color="0.6", ls=":")
 motors.legend(loc="lower center")
 errors.loglog(distance, bound, "k--", label="omega2 [rad/s]: proved bound")
@@ -89,6 +89,6 @@ errors.loglog(distance, lost, "C1^", ms=4, label="Euler angles [rad], from the a
 errors.loglog(distance, kept, "C0s", ms=4, label="attitude, from these Euler angles")
 errors.loglog(distance, np.abs(rates - qd[:, 3:6]).max(axis=1), "C3v", ms=4, label="Euler rates [rad/s], from omega1")
 errors.invert_xaxis()
-errors.set(xlabel="distance of the pitch from 90 degrees [rad]", ylabel="error", title="What rounding does")
+errors.set(xlabel="distance of the pitch from 90 degrees [rad]", ylabel="error", title="Rounding errors")
 errors.legend(fontsize="small")
 plt.show()

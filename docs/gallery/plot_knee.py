@@ -2,13 +2,12 @@
 A knee from motion capture
 ==========================
 
-Where is the axis of a knee, how far does the knee bend, and how certain is that? Cameras saw four markers on
-the thigh and four on the shank of a walking person; the hinge is identified from these recordings alone.
+Where is the axis of a knee, how far does the knee bend, and how large is the uncertainty? Cameras recorded four
+markers on the thigh and four on the shank of a walking person; the hinge is identified from these recordings alone.
 
-The recording is synthetic, so that the truth is known: 8 s at 100 Hz, with 1 mm of noise on every marker and
-one marker that is hidden a tenth of the time. The angles of hip and knee follow the usual course of walking
-(Winter, *Biomechanics and Motor Control of Human Movement*): the knee bends by some 20 degrees under load and
-by 60 degrees in swing.
+The recording is synthetic, so that the true hinge is known: 8 s at 100 Hz, with noise of 1 mm (standard deviation) on
+every marker and one marker that is hidden during a tenth of the samples. The angles of hip and knee are assumed, of
+the order of human walking: the knee bends by some 20 degrees under load and by 60 degrees in the swing phase.
 """
 
 import matplotlib.pyplot as plt
@@ -18,9 +17,8 @@ from scipy.interpolate import CubicSpline
 import hingepair as hp
 
 # %%
-# The person: the thigh is body 1 (the reference point is the hip; x forward, y to the left, z up), the shank
-# body 2 (the reference point is the ankle). The axis of the knee is tilted by 3 degrees against the thigh's y
-# axis.
+# The thigh is body 1; its reference point is the hip, with x forward, y to the left and z up. The shank is body 2;
+# its reference point is the ankle. The axis of the knee is tilted by 3 degrees from the y axis of the thigh.
 CYCLE = 1.1  # s, one stride
 cycle = np.array([0, 10, 15, 40, 60, 72, 85, 95, 100]) / 100
 knee = CubicSpline(cycle, np.radians([5, 16, 18, 5, 35, 61, 30, 3, 5]), bc_type="periodic")
@@ -36,23 +34,23 @@ thigh = hp.BodyMotion(R=hips, S=hp.euler_to_matrix(angles))
 state = leg.forward_kinematics_from_body1(thigh, knee(share))
 
 # %%
-# The cameras: markers with noise, and gaps where one is hidden.
+# The cameras record markers with noise, and NaN where a marker is hidden.
 rng = np.random.default_rng(5)
 on_thigh = np.array([(0.06, 0.05, -0.12), (0.07, -0.05, -0.2), (-0.02, 0.08, -0.26), (0.05, 0.02, -0.32)])
 on_shank = np.array([(0.05, 0.04, 0.30), (0.05, -0.04, 0.24), (-0.03, 0.06, 0.18), (0.04, 0.01, 0.11)])
 
 
 def seen(R, S, places):
-    """Return what the cameras see of the markers of one body [m], shape (N, 4, 3)."""
+    """Return the recorded positions of the markers of one body [m], shape (N, 4, 3)."""
     markers = R[:, None] + np.einsum("tij,mj->tmi", S, places) + 1e-3 * rng.standard_normal((len(R), 4, 3))
     markers[rng.random(len(R)) < 0.1, 2] = np.nan
     return markers
 
 
 # %%
-# From markers to poses, from poses to the hinge. The reference point of each pose is the mean of the markers,
-# where it is known best: far from the markers, errors of the attitude would move it. Both bodies share the
-# clock of the cameras.
+# `fit_cluster` computes poses from markers, and `fit` the hinge from poses. The reference point of each pose is the
+# mean of the markers, whose position is the most certain: errors of the attitude do not move it. Both bodies are
+# recorded with one clock.
 mean1, mean2 = on_thigh.mean(axis=0), on_shank.mean(axis=0)
 body1 = hp.fit_cluster(seen(thigh.R, thigh.S, on_thigh), reference=on_thigh - mean1).body
 body2 = hp.fit_cluster(seen(state.R2, state.S2, on_shank), reference=on_shank - mean2).body
@@ -61,14 +59,14 @@ print(fit)
 
 # %%
 # The uncertainty of the axis grows with the distance from the markers. Axes drawn from the covariance of the fit
-# pierce the plane y = 0.1 m, the outer side of the knee, within an ellipse of less than a millimetre. Real skin
-# moves on the bone by a centimetre or more: that error comes on top, and no fit can see it.
+# intersect the plane y = 0.1 m, the outer side of the knee, within an ellipse of about a millimetre. Markers on skin
+# move relative to the bone; this error is not part of the recording, and the fit does not contain it.
 offset = 0.1
 draws = hp.sample_pairs(fit.pair, 2000, covariance=fit.covariance, seed=1)
 
 
 def pierced(u1, n):
-    """Return where the axis pierces the plane y = offset of the thigh [mm], shape (..., 2)."""
+    """Return x and z at which the axis intersects the plane y = offset of the thigh [mm], shape (..., 2)."""
     return 1000 * (u1 + ((offset - u1[..., 1]) / n[..., 1])[..., None] * n)[..., [0, 2]]
 
 
@@ -87,7 +85,7 @@ curve.plot(100 * share, np.degrees(fit.psi), ".", ms=3, color="C0", label="ident
 curve.plot(100 * cycle, np.degrees(knee(cycle)), "k+", ms=9)
 grid = np.linspace(0, 1, 200)
 curve.plot(100 * grid, np.degrees(knee(grid)), "k", lw=1, label="truth")
-curve.set(xlabel="gait cycle [%]", ylabel="flexion of the knee [degrees]", title="Hinge angle")
+curve.set(xlabel="gait cycle [%]", ylabel="flexion of the knee [degrees]", ylim=(0, 80), title="Hinge angle")
 curve.legend()
 place.plot(*cloud.T, ".", ms=2, alpha=0.3, label="2000 draws of the fit")
 place.plot(*estimate, "C0o", mec="k", label="estimate")

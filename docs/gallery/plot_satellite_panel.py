@@ -2,11 +2,12 @@
 A satellite unfolds a panel
 ===========================
 
-In orbit nothing holds the satellite: while a spring swings its solar panel out, the satellite turns the other
-way. How far does it turn, and how hard does the panel arrive? Both bodies are free, and the motion follows from
-their masses.
+While a spring unfolds the solar panel of a satellite in orbit, the satellite rotates in the opposite direction. By
+which angle does it rotate, and at which rate does the panel reach its stop? Both bodies are free, and the motion
+follows from their masses.
 
-The satellite has the size of ESA's PROBA-1 (0.6 x 0.6 x 0.8 m, 94 kg); the panel is 1.2 m long and weighs 4 kg.
+The satellite has the size and mass of ESA's PROBA-1 (0.6 x 0.6 x 0.8 m, 94 kg). The panel is invented: it is 1.2 m
+long and has a mass of 4 kg.
 """
 
 import matplotlib.pyplot as plt
@@ -15,9 +16,9 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# Reference points are the middles of the bodies. Stowed (psi = 0), the panel lies along the side of the
-# satellite; at 90 degrees it points away from it. `home` turns the panel's x axis, its long side, into the
-# direction of -z.
+# Reference points are the centres of the bodies. At psi = 0 the panel lies along the side of the satellite; at 90
+# degrees it points away from it. `home`, the rotation of body 2 relative to body 1 at psi = 0, turns the x axis of
+# the panel, its long side, into the direction of -z.
 satellite = hp.Body(mass=94, shapes=[hp.Box(size=(0.6, 0.6, 0.8))])
 panel = hp.Body(mass=4, shapes=[hp.Box(size=(1.2, 0.6, 0.02))])
 stowed = hp.rodrigues((0, 1, 0), np.pi / 2)
@@ -25,8 +26,8 @@ pair = hp.HingePair(u1=(0.31, 0, 0.4), u2=(-0.6, 0, 0), n=(0, -1, 0), home=stowe
 start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 
 # %%
-# The spring has 0.3 N m when stowed and 0.1 N m when the panel is out, which keeps it against the stop. There
-# is dry friction of 0.03 N m. The hinge is computed without and with an eddy-current damper.
+# The torque of the spring is 0.3 N m when the panel is stowed and 0.1 N m when it is unfolded, which holds it against
+# the stop. Dry friction has 0.03 N m. The motion is computed without and with an eddy-current damper.
 t = np.linspace(0, 15, 1501)
 motions, turns = {}, {}
 for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
@@ -50,13 +51,13 @@ for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
     )
 
 # %%
-# How far the satellite turns does not depend on the damper: no torque acts from outside, so its attitude
-# follows from the hinge angle alone (as long as the motion is planar). The damper takes the energy that the
-# stop would otherwise get.
+# The angle by which the satellite rotates does not depend on the damper: no external torque acts, so in a planar
+# motion its attitude follows from the hinge angle alone. The damper dissipates the energy that the stop would
+# otherwise have to absorb.
 figure, (plan, angles, rates) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.9, 1, 1))
 for name, motion in motions.items():
     (line,) = angles.plot(t, np.degrees(motion.psi), label=f"panel, {name}")
-    angles.plot(t, 10 * turns[name], "--", color=line.get_color(), label="satellite, ten times")
+    angles.plot(t, 10 * turns[name], "--", color=line.get_color(), label="satellite, times 10")
     rates.plot(t, np.degrees(motion.psid), color=line.get_color(), label=name)
 motion = motions["1 N m s/rad"]
 half_satellite, half_panel = np.array((0.3, 0, 0.4)), np.array((0.6, 0, 0.01))
@@ -70,8 +71,8 @@ for now in (0, 500, 1500):
         points = R + (outline * half) @ S.T
         plan.fill(points[:, 0], points[:, 2], fc="none" if colour == "0.5" else shade, ec=colour, lw=1.5)
 plan.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", title="From the side, at 0, 5 and 15 s")
-angles.set(xlabel="t [s]", ylabel="angle [degrees]", title="Panel and satellite")
+angles.set(xlabel="t [s]", ylabel="angle [degrees]", title="Angles of panel and satellite")
 angles.legend(fontsize="small")
-rates.set(xlabel="t [s]", ylabel="hinge rate [deg/s]", title="How fast the panel swings")
+rates.set(xlabel="t [s]", ylabel="hinge rate [deg/s]", title="Hinge rate")
 rates.legend()
 plt.show()

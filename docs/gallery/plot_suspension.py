@@ -2,12 +2,12 @@
 Tolerances of a wheel suspension
 ================================
 
-The rear wheel of a car hangs on a semi-trailing arm: one slanted hinge. Toe and camber of the wheel change with
-its travel, and every car that is built is a little different. How much do they scatter, and which dimension is
-to blame?
+The rear wheel of a car is carried by a semi-trailing arm, which is one inclined hinge. Toe and camber of the wheel
+change with its travel, and manufacturing tolerances make them scatter from car to car. How large is the scatter, and
+which dimension causes it?
 
-The arm has the proportions of a rear-driven car of the 1980s: the hinge axis is swept by 15 degrees, and the
-centre of the wheel is 0.42 m behind it. Toe within 10 minutes of arc of its nominal value is taken as good.
+The dimensions are assumed: the hinge axis is swept by 15 degrees, and the centre of the wheel is 0.42 m behind it.
+Toe within 10 minutes of arc (1/6 degree) of its nominal value is taken as acceptable.
 """
 
 import matplotlib.pyplot as plt
@@ -16,9 +16,9 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# Body 1 is the car (x forward, y to the left, z up), body 2 the arm with the left wheel. Its reference point is
-# the centre of the wheel, its y axis that of the wheel. At psi = 0 the car stands at its design height, with 9
-# minutes of toe-in and -1.5 degrees of camber.
+# Body 1 is the car, with x forward, y to the left and z up. Body 2 is the arm with the left wheel; its reference
+# point is the centre of the wheel, and its y axis is the axis of the wheel. At psi = 0 the car is at its design
+# height, with 9 minutes of toe-in and -1.5 degrees of camber.
 SWEEP, TOE, CAMBER = np.radians((15, 0.15, -1.5))
 alignment = hp.rodrigues((0, 0, 1), -TOE) @ hp.rodrigues((1, 0, 0), -CAMBER)
 axis = (np.sin(SWEEP), np.cos(SWEEP), 0)
@@ -26,10 +26,10 @@ arm = hp.HingePair(u1=(-1.0, 0.45, 0), u2=(0.42, -0.25, 0.02), n=axis, home=alig
 car = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 
 # %%
-# The arm hangs on two bushes, 0.4 m apart, whose places on the car are off by 0.5 mm (standard deviation, each
-# direction). Their mean shifts u1; their difference tilts the axis and the whole arm with it. The face to which
-# the wheel's bearing is bolted is off by 0.5 mrad. The covariance of u1, u2, n and the rotation of `home`
-# follows source by source.
+# Two bushes, 0.4 m apart, carry the arm. The standard deviation of their positions on the car is 0.5 mm in each
+# direction. Their mean shifts u1; their difference tilts the axis and the arm with it. The standard deviation of the
+# direction of the face of the wheel bearing is 0.5 mrad. The covariance of u1, u2, n and the rotation `home` is the
+# sum of those of these sources.
 DISTANCE, n = 0.4, arm.n
 sources = {}
 for number, letter in enumerate("xyz"):
@@ -66,9 +66,9 @@ print(
 print(f"toe is out of 10 minutes in {100 * bad:.0f} % of the cars, which need an adjustment")
 
 # %%
-# To first order the same follows without samples, source by source. Toe is the turn about z, camber about x.
-# The places of the bushes along x decide on toe and those along z on camber; a better bearing face would hardly
-# help.
+# `propagate_covariance` computes the same to first order without samples, for each source. Toe is the rotation about
+# z, camber that about x. The positions of the bushes along x cause most of the scatter of toe, and those along z most
+# of that of camber; the bearing face contributes little.
 shares = {
     name: arm.propagate_covariance(car, 0.0, covariance=part).attitude_std[[2, 0]] for name, part in sources.items()
 }
@@ -93,6 +93,6 @@ for number, name in enumerate(("toe", "camber")):
         label=name,
     )
 bars.set_yticks(places, shares)
-bars.set(xlabel="share of the variance [%]", title="What causes the scatter")
+bars.set(xlabel="share of the variance [%]", title="Sources of the scatter")
 bars.legend()
 plt.show()

@@ -2,8 +2,8 @@
 What the elbow of Talos can lift
 ================================
 
-The humanoid robot Talos lifts a bottle with its left arm. Which motor reaches its limit first, and at which
-mass? Limits, masses and geometry are those of the robot's URDF (PAL Robotics), which the package
+The humanoid robot Talos lifts a bottle with its left arm. Which motor reaches its limit first, and at which mass of
+the bottle? Limits, masses and geometry are those of the robot's URDF (PAL Robotics), which the package
 example-robot-data contains.
 """
 
@@ -20,8 +20,8 @@ robot = robot.with_frame("bottle", link="gripper_left_base_link", R=(0, 0, -0.12
 pelvis = hp.BodyMotion(R=(0, 0, 1.083), S=np.eye(3))
 
 # %%
-# The arm goes from beside the hip to before the chest in 3 s, with no acceleration at either end. Joints that
-# are not named stay at zero, or at the limit that is closest to zero.
+# The arm moves from beside the hip to a position in front of the chest in 3 s, at rest and without acceleration at
+# both ends. Joints that are not named stay at zero, or at the limit that is closest to zero.
 start = {"arm_left_1_joint": 0.1, "arm_left_2_joint": 0.15, "arm_left_4_joint": -0.3, "torso_1_joint": 0.3}
 end = {"arm_left_1_joint": 0.25, "arm_left_2_joint": 0.25, "arm_left_3_joint": -0.1, "arm_left_4_joint": -1.75}
 rest = np.clip(np.zeros(robot.dof), *robot.position_limits.T)
@@ -50,8 +50,8 @@ joint, instant = np.argmin(largest.min(axis=0)), np.argmin(largest.min(axis=1))
 print(f"largest mass: {largest.min():.2f} kg, limited by joint {joint + 1} at t = {t[instant]:.2f} s")
 
 # %%
-# The motor of the elbow reaches its limit first, at 1.7 kg, with the forearm about horizontal; the last joint of
-# the wrist follows, and the shoulder has room to spare.
+# The motor of the elbow reaches its limit first, at 1.7 kg, with the forearm about horizontal. The last joint of the
+# wrist is the next; the joints of the shoulder stay far below their limits.
 links = ("torso_2_link", *(f"arm_left_{k}_link" for k in range(1, 8)), "bottle")
 state = robot.forward_kinematics(q, frames=links, outputs=("R",), base_motion=pelvis)
 figure, (side, curves, bars) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.8, 1, 1))
@@ -67,8 +67,12 @@ for number, mass in enumerate(masses):
     curves.plot(t, tau[:, 3], color=shade, label=f"{mass:g} kg")
     bars.bar(np.arange(1, 8) + 0.16 * (number - 2), 100 * np.abs(tau).max(axis=0) / limits, 0.16, color=shade)
 curves.axhline(-limits[3], color="r", ls="--")
-curves.set(xlabel="t [s]", ylabel="torque of the elbow [N m]", title="The elbow; its limit dashed")
+curves.set(xlabel="t [s]", ylabel="torque of the elbow [N m]", title="Elbow (dashed: limit)")
 curves.legend()
 bars.axhline(100, color="r", ls="--")
-bars.set(xlabel="joint of the left arm (4: the elbow)", ylabel="largest torque [% of the limit]", title="All motors")
+bars.set(
+    xlabel="joint of the left arm (4: the elbow)",
+    ylabel="largest torque [% of the limit]",
+    title="All motors, 0 to 2 kg",
+)
 plt.show()

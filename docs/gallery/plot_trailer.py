@@ -2,12 +2,12 @@
 The turning circle of a truck and trailer
 =========================================
 
-A trailer takes a tighter line than the truck in front of it. In the European Union an articulated vehicle must
-be able to turn within an annulus with an outer radius of 12.5 m and an inner radius of 5.3 m (Directive
-96/53/EC, annex I, 1.5). Does this one?
+In a turn, a trailer follows a smaller circle than the truck that pulls it. In the European Union, an articulated
+vehicle must be able to turn within an annulus with an outer radius of 12.5 m and an inner radius of 5.3 m (Directive
+96/53/EC, annex I, 1.5). Does this vehicle satisfy the requirement?
 
-The dimensions are those of a usual combination of 16.5 m: a tractor with a wheelbase of 3.6 m and a semitrailer
-with 7.7 m from the kingpin to the middle of its three axles. Motion is planar: coordinates x, y, phi and psi.
+The dimensions are assumed, of a combination of 16.5 m: a tractor with a wheelbase of 3.6 m and a semitrailer with
+7.7 m from the kingpin to the middle of its three axles. The motion is planar, with the coordinates x, y, phi and psi.
 """
 
 import matplotlib.pyplot as plt
@@ -18,22 +18,22 @@ from scipy.optimize import brentq
 import hingepair as hp
 
 # %%
-# Body 1 is the tractor with its reference point in the middle of the rear axle, body 2 the semitrailer with its
-# reference point in the middle of its axles; both have x forward. The kingpin is 0.6 m ahead of the tractor's
-# rear axle.
+# Body 1 is the tractor with its reference point in the middle of the rear axle. Body 2 is the semitrailer with its
+# reference point in the middle of its axles. The x axes of both point forward. The kingpin is 0.6 m ahead of the rear
+# axle of the tractor.
 WIDTH = 2.55
 TRACTOR = np.array([(-1.0, -1), (-1.0, 1), (5.0, 1), (5.0, -1)]) * (1, WIDTH / 2)  # corners [m]: front overhang 1.4 m
 TRAILER = np.array([(-4.3, -1), (-4.3, 1), (9.0, 1), (9.0, -1)]) * (1, WIDTH / 2)
 vehicle = hp.PlanarPair(u1=(0.6, 0), u2=(7.7, 0))
 
 # %%
-# The tractor's rear wheels do not slip, and neither do those of the trailer: the velocity v2 of the trailer's
-# axle has no component across the trailer. v2 is linear in the hinge rate, so two calls give the rate at which
-# this holds.
+# The rear wheels of the tractor and the wheels of the trailer do not slip: the velocity v2 of the trailer's axle has
+# no lateral component. v2 is linear in the hinge rate, so two calls determine the rate at which this component is
+# zero.
 
 
 def hinge_rate(phi, psi, phid):
-    """Return the hinge rate [rad/s] of a trailer that rolls without slip at 1 m/s."""
+    """Return the hinge rate [rad/s] of a trailer that rolls without slip, with the tractor at 1 m/s."""
     q = (0, 0, phi, psi)
     qd = (np.cos(phi), np.sin(phi), phid)
     held, turned = (vehicle.forward_kinematics(q, (*qd, rate)) for rate in (0, 1))
@@ -42,8 +42,8 @@ def hinge_rate(phi, psi, phid):
 
 
 # %%
-# The driver keeps the outer front corner on the outer circle: this fixes the turning radius of the tractor's
-# rear axle. Straight ahead first, then one full turn to the left.
+# The outer front corner follows the outer circle, which determines the turning radius of the tractor's rear axle. The
+# vehicle drives straight ahead first, and then one full turn to the left.
 radius = brentq(lambda r: np.hypot(r + WIDTH / 2, 5.0) - 12.5, 5, 12)
 length = 6 + 2 * np.pi * radius
 
@@ -85,10 +85,15 @@ for now in (0, 120, 250, 399):
     plan.fill(*truck[now].T, fc="gold", ec="k", lw=1.2, alpha=0.9)
 for limit in (5.3, 12.5):
     plan.add_patch(plt.Circle(centre, limit, fill=False, color="r", ls="--", lw=1.5))
-plan.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="Swept area; the limits dashed")
+plan.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="Swept area (dashed: limits)")
 curve.plot(s, inner, label="inner side of the trailer")
 curve.axhline(5.3, color="r", ls="--", label="limit: 5.3 m")
-curve.plot(s, np.abs(np.degrees(psi)) / 10, "0.5", label="hinge angle [10 degrees]")
-curve.set(xlabel="path of the tractor [m]", ylabel="distance from the centre [m]", ylim=(0, 13), title="Off-tracking")
+curve.plot(s, np.abs(np.degrees(psi)) / 10, "0.5", label="hinge angle")
+curve.set(
+    xlabel="path of the tractor [m]",
+    ylabel="distance from the centre [m]; angle [10 degrees]",
+    ylim=(0, 13),
+    title="Off-tracking",
+)
 curve.legend()
 plt.show()

@@ -2,11 +2,9 @@
 The workspace of a UR5
 ======================
 
-Where can the tool of a robot be? One million random configurations of a UR5, in one call, show which places it
-reaches, and in how many ways: bright places can be reached with many postures, dark ones with few.
-
-The data sheet of the UR5 (Universal Robots) gives a reach of 850 mm, measured from the axis of joint 1 to the
-wrist; the frame of the tool is further out.
+Which positions can the tool of a robot reach? One call computes the tool positions of a million random configurations
+of a UR5. Their density shows how many configurations reach a place: many where the picture is bright, few where it is
+dark.
 """
 
 import matplotlib as mpl
@@ -24,14 +22,14 @@ least, most = robot.position_limits.T
 q = np.random.default_rng(1).uniform(least, most, (COUNT, robot.dof))
 
 # %%
-# Only the position of the tool is computed, since only this is asked for. Everything else is left out of the
-# program that is compiled for the call.
+# `outputs=("R",)` requests only the position of the tool, so nothing else is computed.
 x, y, z = robot.forward_kinematics(q, frames=("tool0",), outputs=("R",))["tool0"].R.T
 print(f"smallest distance of the tool from the axis of joint 1: {np.hypot(x, y).min():.3f} m")
 print(f"largest distance of the tool from the shoulder: {np.sqrt(x**2 + y**2 + (z - 0.089159) ** 2).max():.3f} m")
 
 # %%
-# Configurations per litre: in rings about the axis of joint 1, and in squares of a horizontal slice.
+# The density, in configurations per litre, is counted in rings about the axis of joint 1, and in squares of a
+# horizontal slice.
 rings, edges, heights = np.histogram2d(np.hypot(x, y), z, (95, 200), ((0, 0.95), (-0.9, 1.1)))
 rings /= 1000 * np.pi * np.diff(edges**2)[:, None] * np.diff(heights)
 low, high = -0.1, 0.3  # the slice [m]
@@ -54,5 +52,5 @@ figure.suptitle(f"Where the tool of a UR5 is, at {COUNT:,} random configurations
 plt.show()
 
 # %%
-# The tool never reaches the axis of joint 1: the wrist is 109 mm beside the plane of the arm, and the tool is
-# 82 mm from there, so that 27 mm remain in every posture.
+# The tool never reaches the axis of joint 1: the wrist is 109 mm beside the plane of the arm, and the tool is 82 mm
+# from the wrist, so that at least 27 mm remain in every configuration.
