@@ -166,7 +166,7 @@ NAMED_FOR_CONTRIBUTORS = {
     "plans/steps.py": ("HINGE_STEPS", "PLANAR_STEPS"),
     "plans/plan.py": ("_SHAPES", "SPATIAL"),
     "pair/states.py": ("PairState",),
-    "scenes/explain.py": ("_MEANING",),
+    "scenes/explain.py": ("_STEP_DESCRIPTIONS",),
     "equations/trees.py": ("slides",),
     "plans/trees.py": ("Form", "places"),
     "mechanism/tree.py": ("Joint",),
@@ -206,9 +206,9 @@ SHARED_NAMES = {
     *("where_less", "error_bounds"),
     # one quantity, of a hinge and of a circle, or in a finding and in the command that prints it
     *("_MAX_ACROSS_COMPONENT", "_MAX_AXIS_STD", "_MAX_CORRELATION", "_MAX_POINT_STD", "_MAX_RANKING_SAMPLES"),
-    *("_MAX_FIRST_SAMPLES", "_MEDIANS", "_MIN_CERTAIN_OFFSET", "_MIN_NOISE_SHARE", "_OUTLIER_SIZE"),
+    *("_MAX_FIRST_SAMPLES", "_MEDIANS", "_MIN_CERTAIN_OFFSET", "_OUTLIER_SIZE"),
     # one function, of results and of sweeps, of pairs and of mechanisms
-    *("_component_suffixes", "_not_finite_note"),
+    "_component_suffixes",
 }
 """Names that stand in several modules and mean one thing in all of them."""
 

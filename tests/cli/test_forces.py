@@ -195,7 +195,7 @@ samples = 101
 def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
     path = scene_file(tmp_path, PENDULUM + DRIVEN.format("21*cos(3*t)"))
     scene = hp.load_scene(path)
-    forces, t, (psi, psid) = scene.forces(), np.linspace(0, 1, 101), scene.motion.given.hinge[:2]
+    forces, t, (psi, psid) = scene.forces(), np.linspace(0, 1, 101), scene.motion.source.hinge[:2]
     beyond = -1e4 * (psi - np.clip(psi, -0.5, 0.5)) * np.maximum(1 + np.sign(psi) * psid, 0)
     parts = {
         "motor_torque": 21 * np.cos(3 * t),

@@ -78,13 +78,13 @@ def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     start = [0.0] * {"fixed": 0, "pinned": 3, "free": 6}[base] + [1.5]
     found = moved_by_mujoco(model, scene.times(), start)
     assert np.ptp(found) > 0.1
-    np.testing.assert_allclose(found, scene.motion.given.psi, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found, scene.motion.source.psi, rtol=0, atol=1e-8)
 
 
 def test_mujoco_moves_a_planar_scene_in_its_gravity(tmp_path):
     text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\ndamping = 0.1\n' + TIME
     found = moved_by_mujoco(exported(tmp_path, "mjcf", text), np.linspace(0, 1, 11), [0.0])
-    np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.given.psi, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.source.psi, rtol=0, atol=1e-8)
     upright = exported(tmp_path, "mjcf", text.replace("damping", "gravity = [1, -2]\ndamping"))
     assert ET.fromstring(upright).find("option").get("gravity") == "1.0 -2.0 0.0"
 

@@ -329,9 +329,9 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
     fast = SCENE.replace("sqrt(t)", "cos(400*t)")
     (tmp_path / "my.toml").write_text(fast.format(tol=""))
     scene = hp.load_scene(tmp_path / "my.toml")
-    off = np.abs(scene.motion.given.hinge[0] - np.sin(400 * scene.motion.t) / 400).max()
+    off = np.abs(scene.motion.source.hinge[0] - np.sin(400 * scene.motion.t) / 400).max()
     assert 1e-10 <= off / 3 <= scene.motion.error_estimate <= 10 * off
-    assert "error about" in scene.motion.turning
+    assert "error about" in scene.motion.turning_description
     (tmp_path / "my.toml").write_text(fast.format(tol="tol = 1e-11"))
     left = r"motion.tol: expected .* left, (\S+) rad \(omega1 leaves .*e-1\d, psi_dot leaves \1\), got 1e-11"
     with pytest.raises(hp.SceneError, match=left):
@@ -352,7 +352,7 @@ def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
             SCENE.replace("1000*t", "t").replace("sqrt(t)", rate).format(tol="tol = 1e-12")
         )
         motion = hp.load_scene(tmp_path / "my.toml").motion
-        np.testing.assert_allclose(motion.given.hinge[0], [angle(t) for t in motion.t], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(motion.source.hinge[0], [angle(t) for t in motion.t], rtol=0, atol=1e-12)
         assert motion.error_estimate <= 1e-12
     for method in RULES:
         motion = hp.integrate(PAIR, [0, 10], about_x(np.cos), lambda t: 1.0 * (t > 0.3), tol=1e-5, method=method)

@@ -276,7 +276,7 @@ def test_run_shows_what_a_gap_in_a_log_costs(tmp_path):
         motion = hp.load_scene(scene).motion
         kept = np.delete(truth, slice(start - 1, start + 29), axis=0)
         S = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=kept[:, 1:5]).S
-        off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ motion.given.body1.S), axis=-1).max()
-        check(motion.error_estimate, max(off, np.abs(motion.given.hinge[0] - kept[:, 5]).max()), factor=2)
+        off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ motion.source.body1.S), axis=-1).max()
+        check(motion.error_estimate, max(off, np.abs(motion.source.hinge[0] - kept[:, 5]).max()), factor=2)
         assert off > 1e-8
     assert f"error about {motion.error_estimate:.1g} rad" in CliRunner().invoke(app, ["run", str(scene)]).stdout

@@ -28,7 +28,7 @@ def same(result, columns):
     np.testing.assert_array_equal(columns["R2_y"], result.R2[:, 1])
     np.testing.assert_array_equal(columns["S2_zx"], result.S2[:, 2, 0])
     np.testing.assert_array_equal(columns["v2_z"], result.v2[:, 2])
-    np.testing.assert_array_equal(columns["psi"], result.scene.motion.given.part(slice(None), 0).psi)
+    np.testing.assert_array_equal(columns["psi"], result.scene.motion.source.part(slice(None), 0).psi)
     assert {"x", "y", "z", "phi_x", "phi_y", "phi_z"} <= set(columns)
 
 

@@ -127,7 +127,7 @@ def test_sums_are_as_good_as_antiderivatives(rate, tmp_path):
     scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", f'psi_dot = "{rate}"\npsi_0 = 0.5'))
     t = time_symbol()
     whole = sympy.integrate(parse_expression("rate", rate), t)
-    for instant, found in zip(scene.times()[::10], scene.motion.given.psi[::10], strict=True):
+    for instant, found in zip(scene.times()[::10], scene.motion.source.psi[::10], strict=True):
         exact = 0.5 + float((whole.subs(t, instant) - whole.subs(t, 0)).evalf(30))
         assert abs(found - exact) <= 32 * U * (1 + abs(exact))
 
@@ -149,14 +149,14 @@ def test_the_estimate_holds_far_from_zero_and_for_slow_rates(tmp_path, rate, who
     with mpmath.workdps(50):
         first, *others = (whole(mpmath.mpf(float(t))) for t in scene.times())
         exact = [0.0, *(float(value - first) for value in others)]
-    error = np.abs(scene.motion.given.psi - exact).max()
+    error = np.abs(scene.motion.source.psi - exact).max()
     assert error <= scene.motion.error_estimate
     assert error <= 4 * U * np.abs(exact).max()
 
 
 def test_rates_without_an_antiderivative_are_summed(tmp_path):
     scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", 'psi_dot = "2*t*cos(t**2)"'))
-    np.testing.assert_allclose(scene.motion.given.psi, np.sin(scene.times() ** 2), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(scene.motion.source.psi, np.sin(scene.times() ** 2), rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -177,12 +177,12 @@ def test_the_gyro_log_gives_the_attitude_beside_it():
     truth = np.loadtxt(MODELS / "gyro_log_truth.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(scene.times(), truth[:, 0])
     S = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=truth[:, 1:5]).S
-    off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ scene.motion.given.body1.S), axis=-1).max()
+    off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ scene.motion.source.body1.S), axis=-1).max()
     assert off < 1e-10
     assert off / 10 <= scene.motion.error_estimate <= 10 * off
-    np.testing.assert_allclose(scene.motion.given.psi, truth[:, 5], rtol=0, atol=1e-10)
-    slope = np.gradient(scene.motion.given.body1.omega, scene.times(), axis=0)[5:-5]
-    np.testing.assert_allclose(scene.motion.given.body1.alpha[5:-5], slope, rtol=0, atol=0.02)
+    np.testing.assert_allclose(scene.motion.source.psi, truth[:, 5], rtol=0, atol=1e-10)
+    slope = np.gradient(scene.motion.source.body1.omega, scene.times(), axis=0)[5:-5]
+    np.testing.assert_allclose(scene.motion.source.body1.alpha[5:-5], slope, rtol=0, atol=0.02)
 
 
 def test_the_level_follows_the_log(tmp_path):
@@ -319,7 +319,7 @@ def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):
     text = GOOD.replace("psi_dot = 10\n", "psi_dot = 10\nS1_0 = { axis = [0, 0, 1], deg = 90 }\npsi_0 = 'pi/4'\n")
     scene = scene_of(tmp_path, text)
     np.testing.assert_allclose(scene.evaluate(("S1",)).S1[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], rtol=0, atol=4 * U)
-    assert scene.motion.given.psi[0] == np.pi / 4
+    assert scene.motion.source.psi[0] == np.pi / 4
 
 
 @pytest.mark.parametrize(
@@ -338,7 +338,7 @@ def test_rates_with_kinks_and_jumps_between_the_instants(tmp_path, rate, whole):
     scene = scene_of(
         tmp_path, (GOOD.replace("psi_dot = 10", f"psi_dot = {rate}")).replace("samples = 41", "samples = 12")
     )
-    error = np.abs(scene.motion.given.psi - whole(scene.times())).max()
+    error = np.abs(scene.motion.source.psi - whole(scene.times())).max()
     assert error <= 2 * scene.motion.error_estimate
     assert error <= 1e-11
     assert any("kinks" in note for note in scene.notes())

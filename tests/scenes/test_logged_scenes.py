@@ -207,7 +207,7 @@ def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
     scene = scene_of(tmp_path, euler, more + "differentiate = true\n")
     pair = hp.load_scene(tmp_path / "arm.toml").pair
     close(
-        scene.motion.given.part(slice(None), 2).forward_kinematics(pair, None),
+        scene.motion.source.part(slice(None), 2).forward_kinematics(pair, None),
         truth,
     )
 

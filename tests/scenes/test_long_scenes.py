@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from hingepair.formats.recordings import read_recording
-from hingepair.scenes.instants import Uniform
+from hingepair.scenes.instants import UniformInstants
 from support.sparse import sparse
 from support.work import HANG
 
@@ -50,7 +50,7 @@ def long_scene(folder: Path, samples: int | str, model: str = "reference_3d") ->
     ("start", "stop", "count"), [(0.0, 10.0, 10_001), (-1 / 3, 10 / 3, 14), (2.0, 2.0, 3), (5, 9, 1)]
 )
 def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
-    found, expected = Uniform(start, stop, count), np.linspace(start, stop, count)
+    found, expected = UniformInstants(start, stop, count), np.linspace(start, stop, count)
     np.testing.assert_array_equal(found[:], expected)
     pieces = np.concatenate([found[i : i + 64] for i in range(0, count, 64)])
     np.testing.assert_array_equal(pieces, expected)

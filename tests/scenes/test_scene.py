@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.scene import Scene, load_pair
-from hingepair.scenes.waypoints import PROFILES, through
+from hingepair.scenes.waypoints import PROFILE_NAMES, interpolate_way_points
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -259,7 +259,7 @@ def test_models_say_what_they_are_and_move(model: Path) -> None:
     if not isinstance(scene, Scene):
         assert np.ptp(result.R, axis=0).max() > 0.5  # of the frame that the file names
         return
-    bodies = scene.motion.given.part(slice(None), 1).bodies(scene.pair)
+    bodies = scene.motion.source.part(slice(None), 1).body_arrays(scene.pair)
     assert np.ptp(np.einsum("nij,nik->njk", bodies["S1"], bodies["S2"]), axis=0).max() > 0.01
 
 
@@ -388,7 +388,7 @@ def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", PROFILE_NAMES)
 def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: Path, profile: str) -> None:
     text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
     text = text.replace("samples = 21", "samples = 2001")
@@ -405,7 +405,7 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     if profile in {"quintic", "spline"}:
         assert np.abs(psidd[[0, -1]]).max() <= 64 * U
     kinks = {"linear": 2, "trapezoid": 6, "cubic": 2}.get(profile, 0)
-    assert scene.motion.kinks(0, 2001) == kinks
+    assert scene.motion.count_kinks(0, 2001) == kinks
     assert ("kinks" in " ".join(scene.notes())) == (kinks > 0)
     assert scene.cross_validate(50).ok
     assert "psi(t)" in str(hp.derive(scene).S2)
@@ -415,7 +415,7 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
 
 def through_points(t: list[float], value: list[float], profile: str) -> tuple[np.ndarray, ...]:
     times = np.linspace(t[0], t[-1], 4001)
-    return times, *through(np.array(t), np.array(value), profile).derivatives(times, 2)
+    return times, *interpolate_way_points(np.array(t), np.array(value), profile).derivatives(times, 2)
 
 
 @pytest.mark.parametrize("profile", ["trapezoid", "cubic", "quintic"])
@@ -456,7 +456,7 @@ def test_a_spline_goes_through_without_stopping() -> None:
 )
 def test_kinks_are_told_from_rounding_whatever_the_times_are(profile: str, kinks: int, scale: float) -> None:
     t, value = np.array([0.0, 0.1, 0.5, 1.7, 3.0]), np.array([0.0, 2.0, -2.0, 1.0, 0.5])
-    path = through(scale * t, value, profile)
+    path = interpolate_way_points(scale * t, value, profile)
     assert path.switches(scale * np.linspace(-0.503, 3.51, 9_001)).sum() == kinks
 
 

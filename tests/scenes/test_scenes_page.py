@@ -11,12 +11,12 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.steps import COORDINATES
-from hingepair.scenes.logged_motion import ARRAYS, PAIR_LOG_COLUMNS
-from hingepair.scenes.mechanisms.mechanism_table import JOINT_KEYS, MECHANISM_KEYS
-from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUTS
-from hingepair.scenes.pair_table import SPATIAL_PAIR_KEYS
-from hingepair.scenes.simulated_motion import LOAD_KEYS
-from hingepair.scenes.waypoints import PROFILES
+from hingepair.scenes.logged_motion import COLUMNS_BY_LOG_ARRAY, PAIR_LOG_COLUMN_NAMES
+from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_TABLE_KEYS
+from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_NAMES
+from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
+from hingepair.scenes.simulated_motion import SPATIAL_DYNAMICS_KEYS
+from hingepair.scenes.waypoints import PROFILE_NAMES
 from hingepair.symbolic.expressions import FUNCTION_CALLS, NAMED_CONSTANTS
 from support.sparse import sparse
 
@@ -88,13 +88,13 @@ def test_there_are_examples_of_every_kind():
 WORDS = (
     *FUNCTION_CALLS,
     *NAMED_CONSTANTS,
-    *PROFILES,
-    *SPATIAL_PAIR_KEYS,
-    *ARRAYS,
-    *LOAD_KEYS,
-    *MECHANISM_KEYS,
-    *JOINT_KEYS,
-    *MECHANISM_OUTPUTS,
+    *PROFILE_NAMES,
+    *SPATIAL_PAIR_TABLE_KEYS,
+    *COLUMNS_BY_LOG_ARRAY,
+    *SPATIAL_DYNAMICS_KEYS,
+    *MECHANISM_TABLE_KEYS,
+    *JOINT_TABLE_KEYS,
+    *MECHANISM_OUTPUT_NAMES,
 )
 
 
@@ -105,5 +105,5 @@ def test_every_word_is_told(name):
 
 def test_every_column_is_told():
     told = set(re.findall(r"`(\w+)`", PAGE))
-    for column in PAIR_LOG_COLUMNS:
+    for column in PAIR_LOG_COLUMN_NAMES:
         assert column in told or f"{column[:-1]}x" in told, column

@@ -807,8 +807,8 @@ FAULTS = {
     ),
     "the base of a scene in another sequence": Fault(
         "scenes/mechanisms/joint_motion.py",
-        "return ByCoordinates(t.size, rows, self.sequence)",
-        'return ByCoordinates(t.size, rows, "XYZ")',
+        "return MotionByCoordinates(t.size, rows, self.sequence)",
+        'return MotionByCoordinates(t.size, rows, "XYZ")',
         "scenes/test_mechanism_scenes.py::test_rates_of_outputs_are_slopes",
     ),
     "shifts of a log unwrapped": Fault(
@@ -819,8 +819,8 @@ FAULTS = {
     ),
     "siblings of a scene in no order": Fault(
         "scenes/mechanisms/mechanism_table.py",
-        "if carrier == here), reverse=True)",
-        "if carrier == here))",
+        "if parent == joint), reverse=True)",
+        "if parent == joint))",
         "scenes/test_mechanism_scenes.py::test_siblings_stand_in_the_order_of_their_names",
     ),
     "a payload without its frame's place": Fault(
@@ -909,8 +909,8 @@ FAULTS = {
     ),
     "omega1 of a gyroscope left in body axes": Fault(
         "scenes/integrated_motion.py",
-        "if body:\n            known |=",
-        "if not body:\n            known |=",
+        "if body:\n            arrays |=",
+        "if not body:\n            arrays |=",
         "scenes/test_integrated_scenes.py::test_a_scene_is_what_integrate_makes_of_it",
     ),
     "columns of an array file as rows": Fault(

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates
+from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
 from hingepair.validation.report import FORCE_BOUND
 from hingepair.validation.simulated import compare_forces, compare_rates
 from support.states import generator, rotations
@@ -104,14 +104,14 @@ def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text
 
 def with_hinge(scene, change):
     """The scene, whose psi, psid and psidd are others."""
-    given = scene.motion.given
-    if isinstance(given, ByBody1):
-        return replace(scene, motion=replace(scene.motion, given=replace(given, hinge=change(*given.hinge))))
+    given = scene.motion.source
+    if isinstance(given, MotionByBody1):
+        return replace(scene, motion=replace(scene.motion, source=replace(given, hinge=change(*given.hinge))))
     rows = [list(row) for row in given.derivatives]
     for row, value in zip(rows, change(*(row[-1] for row in rows)), strict=True):
         row[-1] = value
-    other = ByCoordinates(given.count, tuple(map(tuple, rows)), given.sequence)
-    return replace(scene, motion=replace(scene.motion, given=other))
+    other = MotionByCoordinates(given.count, tuple(map(tuple, rows)), given.sequence)
+    return replace(scene, motion=replace(scene.motion, source=other))
 
 
 CHANGES = {
@@ -220,7 +220,7 @@ def test_a_body_that_turns_by_half_a_turn_a_sample_has_no_slope_to_compare():
 @pytest.mark.slow
 def test_a_sample_that_is_not_finite_is_left_out(scenes):
     scene = scenes(SPACE, "fixed")
-    psi = scene.motion.given.psi.copy()
+    psi = scene.motion.source.psi.copy()
     psi[7] = np.nan
     report = with_hinge(scene, lambda _, *rates: (psi, *rates)).cross_validate()
     assert report.ok

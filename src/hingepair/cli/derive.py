@@ -25,7 +25,7 @@ from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
-from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
+from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES, Scene
 
 _DEFAULT_SNAP: Final = 1e-6
 """Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
@@ -140,7 +140,7 @@ def _derive_pair(
     is_scene = isinstance(scene_or_pair, Scene)
     forms = closed_forms(scene_or_pair, symbols) if is_scene or file is None else derive_any_motion(file, symbols)
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
-    chosen = tuple(name for name in scene_outputs or () if name not in SCENE_OUTPUTS)
+    chosen = tuple(name for name in scene_outputs or () if name not in ADDITIONAL_SCENE_OUTPUT_NAMES)
     default_names = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT_OUTPUTS
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":

@@ -21,7 +21,7 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS
 from hingepair.plans.plan import PLANAR, SPATIAL
-from hingepair.scenes.scene import SCENE_OUTPUTS
+from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES
 
 Piece = TypeVar("Piece")
 
@@ -39,7 +39,8 @@ OutputsOption = Annotated[
     typer.Option(
         metavar="NAMES",
         help=f"Outputs, separated by commas: {', '.join(SPATIAL.levels)}; of a planar pair: "
-        f"{', '.join(PLANAR.levels)}; coordinates and, unless planar, quaternions: {', '.join(SCENE_OUTPUTS)}.",
+        f"{', '.join(PLANAR.levels)}; coordinates and, unless planar, quaternions: "
+        f"{', '.join(ADDITIONAL_SCENE_OUTPUT_NAMES)}.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]

@@ -23,8 +23,8 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.results import RESULT_SUFFIXES
-from hingepair.scenes.scene import Scene, load_mechanism, load_pair, load_scene, load_setup, scene_files
-from hingepair.scenes.simulated_motion import PRESCRIBED_BASE, DynamicsSetup
+from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
+from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_KIND, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
 
@@ -182,7 +182,7 @@ def urdf_command(
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, input_files(source))
-    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE} else "free")
+    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE_KIND} else "free")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
     text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
     written = {"damping", "friction", "stops", *(_BASE_POSE_KEYS if base == "fixed" else ())}
@@ -210,7 +210,7 @@ def mjcf_command(
         return write_text(
             to_mjcf(_to_spatial(pair), base="fixed" if fixed_base else "free"), out, input_files(source)
         )
-    base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE else setup.base
+    base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE_KIND else setup.base
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in hinge_keys})
     gravity_vector = setup.others.get("gravity", PLANAR_GRAVITY if isinstance(pair, PlanarPair) else GRAVITY)
@@ -220,7 +220,7 @@ def mjcf_command(
         *hinge_keys,
         "gravity",
         *_BASE_POSE_KEYS,
-        *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE else ()),
+        *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE_KIND else ()),
     }
     return write_text(_add_omission_comment("MJCF", text, setup, written), out, input_files(source))
 
@@ -231,7 +231,7 @@ _BASE_POSE_KEYS: Final = ("R1_0", "S1_0", "phi_0")
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
     """Return the content of the table [dynamics] of a scene file; None of another source or without that table."""
-    return load_setup(source) if _is_scene_file(source, joint, *frames) else None
+    return load_dynamics_setup(source) if _is_scene_file(source, joint, *frames) else None
 
 
 def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:

@@ -14,7 +14,7 @@ from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
-from hingepair.scenes.mechanisms.scene import FRAME_QUANTITIES, MechanismScene, MechanismSceneResult
+from hingepair.scenes.mechanisms.scene import FRAME_QUANTITY_NAMES, MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
 # Label, expression and unit of the residuals.
@@ -43,7 +43,7 @@ class RunSummary:
 
     def __init__(self, scene: Scene | MechanismScene) -> None:
         self._scene = scene
-        self._notes: Any = scene.collected_notes()
+        self._notes: Any = scene.note_collector()
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values_at_instants: list[NDArray[np.float64]] = []
@@ -101,7 +101,7 @@ class RunSummary:
         ]
         heading = ("", "unit", *(f"t = {instant_text(t)}" for t in self._t), "smallest", "largest")
         rows = zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)
-        hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITIES}
+        hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITY_NAMES}
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
@@ -122,7 +122,7 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
     motions: dict[str, dict[str, NDArray[Any]]] = {}
     coincident = {}
     for frame in frames:
-        names = {quantity: f"{quantity}_{frame}" for quantity in FRAME_QUANTITIES}
+        names = {quantity: f"{quantity}_{frame}" for quantity in FRAME_QUANTITY_NAMES}
         motion = {quantity: arrays[name] for quantity, name in names.items() if name in arrays}
         for earlier, other in motions.items():
             if motion.keys() == other.keys() and all(
@@ -138,7 +138,7 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
 
 def _largest_residuals(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
     """Compute the largest residuals of E1 and E2, absolute and in u * scale; NaN if no instant is finite."""
-    pair, a = scene.space, known.bodies(scene.pair)
+    pair, a = scene.space, known.body_arrays(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})

@@ -106,7 +106,7 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
 
 def _scene_samples(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return the samples of a part of a scene's result."""
-    arrays, bodies = part.chosen(), part.known.bodies(scene.pair)
+    arrays, bodies = part.chosen(), part.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
     return ShownMotion(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, outputs_by_name)
 

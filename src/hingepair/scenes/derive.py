@@ -30,7 +30,7 @@ def derive(
     symbolic: Iterable[str] = (),
     frame: str | None = None,
 ) -> Derivation | FrameForms:
-    r"""Return closed forms of a scene's motion, of any motion of a pair, or of a robot's frame (E1-E11), in SymPy.
+    r"""Return closed forms (E1-E11) of a scene's motion or a pair's: a Derivation; of a robot's frame: FrameForms.
 
     Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
     of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: what
@@ -82,19 +82,19 @@ def derive(
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):
         scene = scene_or_pair
-        names = _letters(symbolic, scene.pair, scene.constants)
-        letters = tuple(name for name in names if name in scene.constants)
-        motion = scene.functions().expressions(letters)
-        written = _written(scene.pair, scene.tables, letters)
+        names = _symbolic_names(symbolic, scene.pair, scene.constants)
+        symbolic_constants = tuple(name for name in names if name in scene.constants)
+        motion = scene.functions().expressions(symbolic_constants)
+        written = _exact_pair_values(scene.pair, scene.tables, symbolic_constants)
         return Derivation(scene.pair, motion, scene.sequence, names, written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
-    return Derivation(pair, symbolic=_letters(symbolic, pair, ()))
+    return Derivation(pair, symbolic=_symbolic_names(symbolic, pair, ()))
 
 
 def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
-    """Return the closed forms of any motion of a scene file's pair, whatever motion the file has.
+    """Return closed forms of a scene file's pair whose coordinates are unspecified functions of t: a Derivation.
 
     Args:
         path: the scene file.
@@ -106,26 +106,28 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
     """
     tables = load_tables(path)
     pair = load_pair(path)
-    names = _letters(symbolic, pair, tables.constants)
-    letters = tuple(name for name in names if name in tables.constants)
-    return Derivation(pair, symbolic=names, exact_values=_written(pair, tables, letters))
+    names = _symbolic_names(symbolic, pair, tables.constants)
+    symbolic_constants = tuple(name for name in names if name in tables.constants)
+    return Derivation(pair, symbolic=names, exact_values=_exact_pair_values(pair, tables, symbolic_constants))
 
 
-def _letters(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as names of u1, u2, n and the constants of a scene; refuse others."""
-    known = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
-    expected = f"names out of {', '.join(known)}"
+def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
+    """Return the argument `symbolic` as a tuple of names of u1, u2, n and scene constants; refuse other values."""
+    allowed_names = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
+    expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
         raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))
     names = tuple(symbolic)
     for name in names:
-        if name not in known:
+        if name not in allowed_names:
             raise ArgumentError("symbolic", expected, quoted(name))
     return names
 
 
-def _written(pair: HingePair | PlanarPair, tables: Table, letters: tuple[str, ...]) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2, n and home as the file has them, as far as they are those of the pair.
+def _exact_pair_values(
+    pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
+) -> dict[str, tuple[Expr, ...]]:
+    """Return by name the exact u1, u2, n and home written in the scene file, if they equal those of the pair.
 
     Someone may have given the scene another pair (`dataclasses.replace`).
     """
@@ -136,4 +138,4 @@ def _written(pair: HingePair | PlanarPair, tables: Table, letters: tuple[str, ..
         for key, exprs in pair_expressions(table, planar).items()
         if key in numbers and np.allclose([constant_value(c) for c in exprs], numbers[key], rtol=1e-14, atol=1e-15)
     }
-    return {key: exprs for key, exprs in pair_expressions(table, planar, letters).items() if key in same}
+    return {key: exprs for key, exprs in pair_expressions(table, planar, symbolic_constants).items() if key in same}

@@ -13,7 +13,7 @@ from hingepair.plans.steps import PARTS, WITHOUT_HOME
 from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
-_MEANING = {
+_STEP_DESCRIPTIONS = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
@@ -50,7 +50,7 @@ _MEANING = {
 
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
-    """The plan of a scene.
+    """Outputs of a pair's scene, the steps computed and skipped for them, and the number of operations.
 
     Attributes:
         outputs: what comes out.
@@ -69,7 +69,7 @@ class ScenePlan:
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<{width}}{_MEANING[name]}{' - once' if often == 'once' else ''}"
+            f"  {name:<{width}}{_STEP_DESCRIPTIONS[name]}{' - once' if often == 'once' else ''}"
             for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
@@ -77,24 +77,24 @@ class ScenePlan:
 
 
 def explain(
-    pair: HingePair | PlanarPair, known: KnownMotion, outputs: tuple[str, ...] | None, level: int
+    pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
-    """Return what is computed of a motion whose derivatives go to `level`, what is left out, and why."""
+    """Return the ScenePlan for outputs of a motion; `motion_level` is the derivative order that the scene has."""
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-    names, constant = default_outputs(known.level, kind) if outputs is None else outputs, known.constant()
-    form = known.sequence, "home" in pair.constants.values
+    names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
+    form = motion.sequence, "home" in pair.constants.values
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in steps_of(*form, kind=kind)]
-    rows = dict(zip(PARTS, known.derivatives, strict=False))
+    rows = dict(zip(PARTS, motion.derivatives, strict=False))
     operations = count_operations(make_plan(names, *form, kind=kind, given=tuple(rows)), pair.constants, rows)
     still, computed = {*constant} | {"u1", "u2", "n", "home", "lever_fixed", "lever_cos", "lever_sin"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
-        if step.result in _MEANING:
+        if step.result in _STEP_DESCRIPTIONS:
             computed.append((step.result, "once" if once else "each"))
-    reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+    reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
-        (f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates", reasons[i]) for i in range(known.level, 2)
+        (f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates", reasons[i]) for i in range(motion.level, 2)
     ]
     if operations.folded:
         skipped.append(
@@ -103,8 +103,12 @@ def explain(
     if operations.shared:
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
-    skipped += [(_MEANING[name], "no output needs it") for name in others if name in _MEANING and name not in made]
-    if known.sequence is None and kind is SPATIAL:
+    skipped += [
+        (_STEP_DESCRIPTIONS[name], "no output needs it")
+        for name in others
+        if name in _STEP_DESCRIPTIONS and name not in made
+    ]
+    if motion.sequence is None and kind is SPATIAL:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if WITHOUT_HOME in plan.steps:
         skipped.append(("the product with C", "home is the identity"))

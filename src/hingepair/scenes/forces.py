@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,18 +18,14 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
-from hingepair.scenes.known_motion import ByBody1, KnownMotion
-from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
-from hingepair.scenes.logged_motion import ORDER
-from hingepair.scenes.motion import Motion, massive
-
-_MIN_NOISE_SHARE: Final = 0.01  # of the hinge torque's rms: from here on smoothing is recommended
-_NOISE_UNITS: Final = {"S1": "rad"}
-"""Units of the noise of measured quantities where they are not the unit of the quantity itself."""
+from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
+from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_RATIO, LogNoise, finite_rms, noise_rows
+from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
+from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
 class SceneForces(Record):
-    """Forces over the instants of a scene: `forces.hinge_torque`, `forces["force1"]`, tables and files.
+    """Forces of a pair at a scene's instants, by name: `forces.hinge_torque`; prints as a table, saves to a file.
 
     Args:
         gravity: acceleration of free fall that they were computed with [m/s^2]; shape (3,), in the plane (2,).
@@ -65,7 +61,7 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Compute what acts for a pair to move as a scene says; `Scene.forces` has the words.
+    """Return the SceneForces that a pair's motion requires; `title` and `files` (inputs) are those of the scene.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -79,113 +75,109 @@ def pair_scene_forces(
         if motion.simulated:
             raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
         fall = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
-    known = motion.given.part(slice(None), ACCELERATION)
-    arrays = _required(pair, known.in_space(pair), fall)
+    known_motion = motion.source.part(slice(None), ACCELERATION)
+    arrays = _required_forces(pair, known_motion.in_space(pair), fall)
     if motion.simulated:
-        given_already = _of_loads_on_body2(massive(pair), motion.simulated)
+        given_already = _forces_from_body2_loads(massive(pair), motion.simulated)
         arrays = {name: array - given_already[name] for name, array in arrays.items()}
         loads = motion.simulated.loads
         parts = {name: loads[name] for part in HINGE_PARTS if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
-    notes = [*_not_finite_note(arrays), *_beyond_torque_limit(pair, t, arrays)]
+    notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
     if flat and gravity is None and not motion.simulated:
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
-    if motion.derived is not None and len(t) > ORDER:
-        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays)
+    if motion.derived is not None and len(t) > FINITE_DIFFERENCE_ORDER:
+        noise, sentence = _force_noise(pair, t, known_motion, motion.derived, fall, arrays)
         notes.append(sentence)
-    record = t, _in_plane(arrays) if flat else arrays, f"forces: {title}", files
+    record = t, _plane_components(arrays) if flat else arrays, f"forces: {title}", files
     return SceneForces(*record, gravity=fall[:size], noise=noise, notes=tuple(notes))
 
 
-def _required(pair: HingePair | PlanarPair, known: ByBody1, gravity: tuple[float, ...]) -> dict[str, NDArray[Any]]:
-    """Compute the forces that a motion in space takes, by name; world axes, shape (N,) or (N, 3)."""
+def _required_forces(
+    pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
+) -> dict[str, NDArray[Any]]:
+    """Return by name the forces and torques that a motion in space requires; world axes, shape (N,) or (N, 3)."""
     space = massive(pair)
-    psi, psid, psidd = known.hinge
-    wrench = space.hinge_wrench(known.body1, psi, psid, psidd, gravity)
+    psi, psid, psidd = body1_motion.hinge
+    wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity)
     arrays = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
     arrays |= {"hinge_force": wrench.force}
     if pair.body1 is not None:
-        forces = space.inverse_dynamics(known.body1, psi, psid, psidd, gravity)
+        forces = space.inverse_dynamics(body1_motion.body1, psi, psid, psidd, gravity)
         arrays |= {"force1": forces.force1, "torque1": forces.torque1}
     return arrays
 
 
-def _of_loads_on_body2(pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion) -> dict[str, NDArray[Any]]:
-    """Compute the part of the forces, by name, that the loads on body 2 give already."""
+def _forces_from_body2_loads(
+    pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
+) -> dict[str, NDArray[Any]]:
+    """Return by name the part of the required forces that a simulation's loads on body 2 already supply."""
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
-    about = torque - np.cross(state.S2 @ pair.u2, force)
+    hinge_point_torque = torque - np.cross(state.S2 @ pair.u2, force)
     axis = motion.body1.S @ pair.n
-    turn = (axis * about).sum(axis=-1)
+    axial_torque = (axis * hinge_point_torque).sum(axis=-1)
     return {
-        "hinge_torque": turn,
-        "bearing_torque": about - axis * turn[:, None],
+        "hinge_torque": axial_torque,
+        "bearing_torque": hinge_point_torque - axis * axial_torque[:, None],
         "hinge_force": force,
         "force1": force,
         "torque1": torque + np.cross(state.d, force),
     }
 
 
-def _in_plane(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the components in the plane z = 0: two of a force, one of a torque; no bearing torque is left."""
+def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return x and y of each force and z of torque1 by name, without bearing_torque; the other arrays unchanged."""
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
         name: array[..., components[name]] if name in components else array
-        for name, array in arrays.items()
+        for name, array in force_arrays.items()
         if name != "bearing_torque"
     }
 
 
-def _not_finite_note(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield a sentence on instants whose forces are not finite, if there are any."""
-    finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
-    lost = int((~np.logical_and.reduce(finite)).sum())
-    if lost:
-        yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
-
-
-def _beyond_torque_limit(
-    pair: HingePair | PlanarPair, t: Float64Array, arrays: Mapping[str, NDArray[Any]]
+def _torque_limit_sentences(
+    pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Yield a sentence on instants at which the motor, or all that acts about the axis, exceeds the torque limit."""
+    """Yield one sentence if the motor's torque (else the hinge torque) exceeds the pair's torque_limit anywhere."""
     limit = getattr(pair, "torque_limit", None)
     if limit is None:
         return
-    name = "motor_torque" if "motor_torque" in arrays else "hinge_torque"
-    beyond = np.flatnonzero(np.abs(arrays[name]) > limit)
+    name = "motor_torque" if "motor_torque" in force_arrays else "hinge_torque"
+    beyond = np.flatnonzero(np.abs(force_arrays[name]) > limit)
     if beyond.size:
-        first = f"first at t = {instant_text(t[beyond[0]])} s ({arrays[name][beyond[0]]:.6g})"
+        first = f"first at t = {instant_text(t[beyond[0]])} s ({force_arrays[name][beyond[0]]:.6g})"
         yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
 
 
 def _force_noise(
     pair: HingePair | PlanarPair,
     t: Float64Array,
-    known: KnownMotion,
-    derived: tuple[str, ...],
+    motion: KnownMotion,
+    derived_names: tuple[str, ...],
     gravity: tuple[float, ...],
-    arrays: Mapping[str, NDArray[Any]],
+    force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
-    """Return the standard deviation that the noise of a log causes in each force, by name, and a sentence on it."""
+    """Return the standard deviation of each force caused by noise of the log, by name, and a sentence on noise."""
     rows = noise_rows(len(t))
-    log = LogNoise(t[rows] - t[rows.start], derived, ORDER)
-    noisy = _required(pair, log.added_to(known.part(rows, ACCELERATION)).in_space(pair), gravity)
-    inside, sizes = slice(ORDER // 2, -(ORDER // 2)), log.sizes
-    changes = {name: (own - arrays[name][rows])[inside] for name, own in noisy.items()}
+    log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ORDER)
+    noisy = _required_forces(pair, log.added_to(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
+    inside, sizes = slice(FINITE_DIFFERENCE_ORDER // 2, -(FINITE_DIFFERENCE_ORDER // 2)), log.sizes
+    changes = {name: (own - force_arrays[name][rows])[inside] for name, own in noisy.items()}
     noise = {name: finite_rms(change) for name, change in changes.items()}
-    torque, rms = float(noise["hinge_torque"]), float(finite_rms(arrays["hinge_torque"]))
+    torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))
     psidd = _two_digits(sizes.pop("psidd", 0.0))
     columns = [
-        f"{_two_digits(size)} {_NOISE_UNITS.get(name) or unit_of(name)} of {name}" for name, size in sizes.items()
+        f"{_two_digits(size)} {'rad' if name == 'S1' else unit_of(name)} of {name}" for name, size in sizes.items()
     ]
     sentence = (
         f"noise of the log, by local fits: {', '.join(columns) or 'none'}; it makes {psidd} rad/s^2 of psi'' and "
         f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
         "(standard deviations; more near the ends)"
     )
-    if torque > _MIN_NOISE_SHARE * rms:
+    if torque > SMOOTHING_HINT_NOISE_RATIO * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
 

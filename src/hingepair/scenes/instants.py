@@ -20,17 +20,17 @@ from hingepair.scenes.tables import Key, Table
 Rows: TypeAlias = slice | NDArray[np.intp]
 """Some of the instants, by their numbers."""
 
-MAX_SAMPLES: Final = 1_000_000_000
-"""Of a scene; what they come to goes into a file block by block."""
+MAX_SCENE_SAMPLES: Final = 1_000_000_000
+"""Largest number of instants of a scene; results of many go into a file block by block."""
 
 
 @dataclass(frozen=True, slots=True)
-class Uniform:
-    """Evenly spaced instants from start to stop: those of `numpy.linspace`, to the bit, in pieces.
+class UniformInstants:
+    """Evenly spaced instants, computed when indexed and not stored; equal to `numpy.linspace` to the bit.
 
-    >>> Uniform(0.0, 1.0, 5)[1:3]
+    >>> UniformInstants(0.0, 1.0, 5)[1:3]
     array([0.25, 0.5 ])
-    >>> Uniform(0.0, 1.0, 5)[-1]
+    >>> UniformInstants(0.0, 1.0, 5)[-1]
     np.float64(1.0)
     """
 
@@ -48,17 +48,17 @@ class Uniform:
         else:
             numbers = np.asarray(rows, dtype=np.float64) % self.samples
         step = (self.stop - self.start) / max(self.samples - 1, 1)
-        found: Float64Array = numbers * step + self.start
+        instants: Float64Array = numbers * step + self.start
         last = (numbers == self.samples - 1) & (self.samples > 1)
-        return np.where(last, self.stop, found)[()]
+        return np.where(last, self.stop, instants)[()]
 
 
-Instants: TypeAlias = Uniform | Float64Array
+Instants: TypeAlias = UniformInstants | Float64Array
 """Increasing instants [s]."""
 
 
-class Sampled(Shown, abc.ABC):
-    """Base of scenes of pairs and of mechanisms: their instants, evenly spread samples of them, and units."""
+class SampledScene(Shown, abc.ABC):
+    """Abstract base of Scene and MechanismScene: their instants, evenly spread samples of them, and units."""
 
     __slots__ = ()
 
@@ -88,7 +88,7 @@ class Sampled(Shown, abc.ABC):
         return len(self.instants)
 
     def times(self) -> NDArray[np.float64]:
-        """Return the instants; shape (samples,) s.
+        """Return all instants as a read-only array; shape (samples,) s.
 
         Raises:
             ArgumentError: there are too many to be held in memory.
@@ -118,18 +118,18 @@ class Sampled(Shown, abc.ABC):
         return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
 
 
-def read_instants(time: Table) -> Uniform:
-    """Read the instants of the table [time]."""
-    start, stop, samples = time.read(_TIME_READERS, required=_TIME_READERS).values()
+def read_instants(time: Table) -> UniformInstants:
+    """Return the UniformInstants of the table [time]; refuse keys or values that describe none."""
+    start, stop, samples = time.read(_TIME_KEY_READERS, required=_TIME_KEY_READERS).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
         time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
-    return Uniform(start, stop, samples)
+    return UniformInstants(start, stop, samples)
 
 
-def held_instants(time: Table) -> Float64Array:
-    """Read the instants of the table [time] into memory."""
+def read_instants_array(time: Table) -> Float64Array:
+    """Return the instants of the table [time] as a read-only array; refuse more than may be held in memory."""
     t = read_instants(time)
     if len(t) > MOST_HELD:
         time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
@@ -137,14 +137,18 @@ def held_instants(time: Table) -> Float64Array:
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Read the number of samples, a whole number within limits."""
+    """Return the number of samples that a key of [time] holds; refuse all but 1 to MAX_SCENE_SAMPLES."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)
-    if type(value) is not int or not 1 <= value <= MAX_SAMPLES:
-        time.fail(key, f"an integer from 1 to {MAX_SAMPLES}")
+    if type(value) is not int or not 1 <= value <= MAX_SCENE_SAMPLES:
+        time.fail(key, f"an integer from 1 to {MAX_SCENE_SAMPLES}")
     return value
 
 
-_TIME_READERS: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}
+_TIME_KEY_READERS: Final[Mapping[str, Key]] = {
+    "start": Table.number,
+    "stop": Table.number,
+    "samples": _read_sample_count,
+}
 """Keys of the table [time] and their readers; start and stop in seconds."""

@@ -27,15 +27,17 @@ if TYPE_CHECKING:
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 DERIVATIVE_ORDINALS = ("first", "second")
 """Orders of the derivatives of the coordinates, in words."""
-_PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
-"""A motion by that of body 1 and the hinge angle, and its derivatives."""
-_BODY_OUTPUTS = ("R1", "S1", "R2", "S2", "omega1", "omega2")
-"""Outputs of forward kinematics that describe both bodies: the first four are positions and attitudes."""
+_BODY1_NAMES_BY_ORDER = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
+"""Names of body 1's position and attitude and of the hinge angle, and of their derivatives by order."""
+_POSE_OUTPUTS = ("R1", "S1", "R2", "S2")
+"""Outputs of forward kinematics with the positions and attitudes of both bodies."""
+_ANGULAR_VELOCITY_OUTPUTS = ("omega1", "omega2")
+"""Outputs of forward kinematics with the angular velocities of both bodies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ByCoordinates:
-    """Motion given by the seven coordinates, in the plane four, and by the derivatives that are known.
+class MotionByCoordinates:
+    """Motion of a pair as arrays of seven coordinates, in the plane four, and of their known derivatives.
 
     Attributes:
         count: number of instants.
@@ -64,72 +66,79 @@ class ByCoordinates:
 
     def coordinates(self) -> dict[str, Float64Array]:
         """Return what is kept beside all outputs: the coordinates by name; shape (count,) each."""
-        return self.logged(0)
+        return self.log_columns(0)
 
-    def logged(self, order: int) -> dict[str, Float64Array]:
+    def log_columns(self, order: int) -> dict[str, Float64Array]:
         """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
         names = tuple(COLUMN_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
-    def part(self, rows: Rows, order: int) -> ByCoordinates:
-        """Return the motion at some of the instants, with the derivatives up to an order."""
+    def part(self, rows: Rows, order: int) -> MotionByCoordinates:
+        """Return the motion at the instants with the indices `rows`, with known derivatives up to `order`."""
         kept = tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]
         )
         count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else rows.size
-        return ByCoordinates(count, kept, self.sequence)
+        return MotionByCoordinates(count, kept, self.sequence)
 
     def forward_kinematics(
         self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
     ) -> PairState | PlanarState:
-        """Compute the state of the pair: all of body 2 that the derivatives allow unless outputs are named."""
-        found: PairState | PlanarState = pair.forward_kinematics(
+        """Return the pair's state; `outputs` None means all of body 2 that the known derivatives allow."""
+        state: PairState | PlanarState = pair.forward_kinematics(
             *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
         )
-        return found
+        return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the equations with Pinocchio."""
+        """Return the report of a comparison of the pair's equations with Pinocchio along this motion."""
         from hingepair.validation.cross_validate import cross_validate
 
         report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
         return report
 
-    def constant(self) -> frozenset[str]:
-        """Return the names of the coordinates, and of the inputs of a plan, that do not depend on t."""
-        given = dict(zip(PARTS, self.derivatives, strict=False))
+    def constant_names(self) -> frozenset[str]:
+        """Return the names of the coordinates, and of plan inputs made of them, that are equal at all instants."""
+        derivative_by_part = dict(zip(PARTS, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in ROW_STEPS if self.sequence else PLANAR_ROW_STEPS:
-            if name in given:
-                values[part] = take(given[name])
+            if name in derivative_by_part:
+                values[part] = take(derivative_by_part[name])
         return frozenset(name for name, value in values.items() if not _varies(value))
 
-    def in_space(self, pair: Any) -> ByBody1:
-        """Return the motion of body 1 in space and of the hinge, with the derivatives that are known."""
+    def in_space(self, pair: Any) -> MotionByBody1:
+        """Return the motion in space as a MotionByBody1, with the derivatives that are known."""
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
-            return ByBody1(body1, tuple(hinge))
-        names = [name for part in _PARTS[: self.level + 1] for name in part[:2]]
-        known = self.forward_kinematics(pair, tuple(names)).arrays()
-        return by_body1(known | {part[2]: self._column(i, -1) for i, part in enumerate(_PARTS[: self.level + 1])})
+            return MotionByBody1(body1, tuple(hinge))
+        names = [name for part in _BODY1_NAMES_BY_ORDER[: self.level + 1] for name in part[:2]]
+        arrays = self.forward_kinematics(pair, tuple(names)).arrays()
+        return motion_by_body1(
+            arrays | {part[2]: self._column(i, -1) for i, part in enumerate(_BODY1_NAMES_BY_ORDER[: self.level + 1])}
+        )
 
-    def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Compute R1, S1, R2, S2 in space and, of a motion with rates, omega1, omega2, psid, W1 (scale of omega1)."""
+    def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
+        """Return R1, S1, R2, S2 in space by name; with rates also omega1, omega2, psid, W1 (scale of omega1)."""
         if self.sequence:
-            found = self.forward_kinematics(pair, _BODY_OUTPUTS if self.level else _BODY_OUTPUTS[:4]).arrays()
+            arrays = self.forward_kinematics(
+                pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS * bool(self.level)
+            ).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
-                found |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
-            return found
+                arrays |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
+            return arrays
         body1, zero = self.in_space(pair).body1, np.zeros((self.count, 1))
-        a = self.forward_kinematics(pair, None).arrays()
-        found = {"R1": body1.R, "S1": body1.S, "R2": np.concatenate((a["R2"], zero), axis=-1)}
-        found["S2"] = rotation_exp(np.concatenate((zero, zero, a["phi2"][:, None]), axis=-1))
+        state_arrays = self.forward_kinematics(pair, None).arrays()
+        arrays = {"R1": body1.R, "S1": body1.S, "R2": np.concatenate((state_arrays["R2"], zero), axis=-1)}
+        arrays["S2"] = rotation_exp(np.concatenate((zero, zero, state_arrays["phi2"][:, None]), axis=-1))
         if body1.omega is not None:
-            found |= {"omega1": body1.omega, "omega2": np.concatenate((zero, zero, a["omega2"][:, None]), axis=-1)}
-            found |= {"psid": self._column(1, -1), "W1": np.abs(self._column(1, 2))}
-        return found
+            arrays |= {
+                "omega1": body1.omega,
+                "omega2": np.concatenate((zero, zero, state_arrays["omega2"][:, None]), axis=-1),
+            }
+            arrays |= {"psid": self._column(1, -1), "W1": np.abs(self._column(1, 2))}
+        return arrays
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -148,8 +157,8 @@ class ByCoordinates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ByBody1:
-    """The motion of body 1 by its attitude, and the hinge angle, with as many derivatives as are known.
+class MotionByBody1:
+    """Motion of a pair as that of body 1 in space (a BodyMotion) and the hinge angle, with known derivatives.
 
     Attributes:
         body1: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is.
@@ -179,49 +188,56 @@ class ByBody1:
         """Return what is kept beside all outputs: the hinge angle by name; shape (count,)."""
         return {"psi": self.hinge[0]}
 
-    def logged(self, order: int) -> dict[str, Float64Array]:
-        """Return position, quaternion and hinge angle, or the rates of an order that is known, as a log has them."""
-        place, turning, angle = _PARTS[order]
-        own = {place: getattr(self.body1, place[:-1])}
+    def log_columns(self, order: int) -> dict[str, Float64Array]:
+        """Return position, quaternion and psi, or their derivatives of `order` 1 or 2, by names of log columns."""
+        place, turning, angle = _BODY1_NAMES_BY_ORDER[order]
+        body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
-            own[turning] = getattr(self.body1, turning[:-1])
-        found = {f"{name}_{c}" if order else c: v for name, a in own.items() for c, v in zip("xyz", a.T, strict=True)}
+            body1_arrays[turning] = getattr(self.body1, turning[:-1])
+        columns = {
+            f"{name}_{c}" if order else c: v
+            for name, a in body1_arrays.items()
+            for c, v in zip("xyz", a.T, strict=True)
+        }
         attitude = {} if order else quaternion_columns(self.body1.S)
-        return found | attitude | {angle: self.hinge[order]}
+        return columns | attitude | {angle: self.hinge[order]}
 
-    def constant(self) -> frozenset[str]:
+    def constant_names(self) -> frozenset[str]:
         """Return no name: inputs that do not depend on t are not looked for."""
         return frozenset()
 
-    def part(self, rows: Rows, order: int) -> ByBody1:
-        """Return the motion at some of the instants, with the derivatives up to an order."""
+    def part(self, rows: Rows, order: int) -> MotionByBody1:
+        """Return the motion at the instants with the indices `rows`, with known derivatives up to `order`."""
         letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * min(order, self.level) + 2]
         arrays = {letter: getattr(self.body1, letter)[rows] for letter in letters}
-        return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
+        return MotionByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """Compute the state of the pair: all of body 2 that the derivatives allow unless outputs are named."""
-        found: PairState = pair.forward_kinematics_from_body1(
+        """Return the pair's state; `outputs` None means all of body 2 that the known derivatives allow."""
+        state: PairState = pair.forward_kinematics_from_body1(
             self.body1, *self.hinge, outputs=outputs, backend=backend
         )
-        return found
+        return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the equations with Pinocchio."""
+        """Return the report of a comparison of the pair's equations with Pinocchio along this motion."""
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
 
-    def in_space(self, _: Any) -> ByBody1:
+    def in_space(self, _: Any) -> MotionByBody1:
         """Return this motion."""
         return self
 
-    def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Compute R1, S1, R2, S2 and, of a motion with rates, omega1, omega2, psid and W1 (scale of omega1)."""
+    def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
+        """Return R1, S1, R2, S2 in space by name; with rates also omega1, omega2, psid, W1 (scale of omega1)."""
         if not self.level:
-            return self.forward_kinematics(pair, _BODY_OUTPUTS[:4]).arrays()
+            return self.forward_kinematics(pair, _POSE_OUTPUTS).arrays()
         W1, _ = given_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _BODY_OUTPUTS).arrays() | {"psid": self.hinge[1], "W1": np.asarray(W1)}
+        return self.forward_kinematics(pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS).arrays() | {
+            "psid": self.hinge[1],
+            "W1": np.asarray(W1),
+        }
 
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
@@ -230,15 +246,17 @@ def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Arr
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 
 
-KnownMotion: TypeAlias = ByCoordinates | ByBody1
+KnownMotion: TypeAlias = MotionByCoordinates | MotionByBody1
 """The kinds, which answer the same calls."""
 
 
-def by_body1(known: Mapping[str, NDArray[Any]]) -> ByBody1:
-    """Return the motion by R1, S1 and psi, with the derivatives that position, attitude and psi all have."""
-    level = max(i for i, names in enumerate(_PARTS) if known.keys() >= {*names})
-    arrays = {name[:-1]: known[name] for names in _PARTS[: level + 1] for name in names[:2]}
-    return ByBody1(BodyMotion(**arrays), tuple(known[names[2]] for names in _PARTS[: level + 1]))
+def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
+    """Return a MotionByBody1 of arrays named R1, S1, psi, v1, ..., up to the highest order that has all three."""
+    level = max(i for i, names in enumerate(_BODY1_NAMES_BY_ORDER) if array_by_name.keys() >= {*names})
+    arrays = {name[:-1]: array_by_name[name] for names in _BODY1_NAMES_BY_ORDER[: level + 1] for name in names[:2]}
+    return MotionByBody1(
+        BodyMotion(**arrays), tuple(array_by_name[names[2]] for names in _BODY1_NAMES_BY_ORDER[: level + 1])
+    )
 
 
 def _varies(group: Any) -> bool:

@@ -16,18 +16,17 @@ from hingepair.numeric.finite_differences import differentiate, local_fit_residu
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.steps import COLUMN_NAMES, COORDINATES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
+from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
-_OF_BODY1: Final = (("psi", "psid", "psidd"), ("R1", "v1", "a1"), ("S1", "omega1", "alpha1"))
-"""A motion by that of body 1: what a log has samples of, its rate, and the rate of that."""
-
-_MAX_CONSECUTIVE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
+SMOOTHING_HINT_NOISE_RATIO: Final = 0.01
+"""Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
+_MAX_NOISE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
 
 
 def noise_rows(count: int) -> slice:
     """Return the samples from which the noise of a log of so many samples is estimated: those in the middle."""
-    first = max(0, (count - _MAX_CONSECUTIVE_SAMPLES) // 2)
-    return slice(first, first + _MAX_CONSECUTIVE_SAMPLES)
+    first = max(0, (count - _MAX_NOISE_SAMPLES) // 2)
+    return slice(first, first + _MAX_NOISE_SAMPLES)
 
 
 def finite_rms(values: Float64Array) -> Float64Array:
@@ -39,7 +38,7 @@ def finite_rms(values: Float64Array) -> Float64Array:
 
 
 class LogNoise:
-    """Noise of the size and the kind that a log has.
+    """Estimator of the noise in a log's samples, which adds random noise of equal size to a motion.
 
     Args:
         t: instants; shape (N,) s.
@@ -56,48 +55,60 @@ class LogNoise:
         self._t, self._derived, self._order = t, derived, order
         self._rng = np.random.default_rng(0)
 
-    def added_to(self, known: KnownMotion) -> KnownMotion:
+    def added_to(self, motion: KnownMotion) -> KnownMotion:
         """Compute the motion with as much noise once more, independent of its own; accelerations are known."""
-        return self._to_coordinates(known) if isinstance(known, ByCoordinates) else self._to_body1(known)
+        return (
+            self._add_to_coordinates(motion)
+            if isinstance(motion, MotionByCoordinates)
+            else self._add_to_body1(motion)
+        )
 
     def added_to_column(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
         """Compute a coordinate, its rate and the rate of that with as much noise once more; shape (N,) each."""
-        noise = self._of(names, [column[:, None] for column in values])
+        noise = self._draw_noise(names, [column[:, None] for column in values])
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
-    def _to_coordinates(self, known: ByCoordinates) -> ByCoordinates:
-        """Return coordinates with random noise of the log's standard deviations added to each, and to their rates."""
+    def _add_to_coordinates(self, motion: MotionByCoordinates) -> MotionByCoordinates:
+        """Return the motion with random noise of the estimated size added to coordinates and derivatives."""
         columns = []
-        for names, *own in zip(
-            zip(*COLUMN_NAMES[COORDINATES].values(), strict=True), *known.derivatives, strict=True
+        for names, *derivatives in zip(
+            zip(*COLUMN_NAMES[COORDINATES].values(), strict=True), *motion.derivatives, strict=True
         ):
-            values = [np.broadcast_to(np.asarray(value, np.float64), self._t.shape)[:, None] for value in own]
-            columns.append([value + noise[:, 0] for value, noise in zip(own, self._of(names, values), strict=True)])
-        return ByCoordinates(known.count, tuple(zip(*columns, strict=True)), known.sequence)
+            values = [np.broadcast_to(np.asarray(value, np.float64), self._t.shape)[:, None] for value in derivatives]
+            columns.append(
+                [
+                    value + noise[:, 0]
+                    for value, noise in zip(derivatives, self._draw_noise(names, values), strict=True)
+                ]
+            )
+        return MotionByCoordinates(motion.count, tuple(zip(*columns, strict=True)), motion.sequence)
 
-    def _to_body1(self, known: ByBody1) -> ByBody1:
-        """Return a motion of body 1 and of the hinge with noise added to all of it, rates included."""
+    def _add_to_body1(self, motion: MotionByBody1) -> MotionByBody1:
+        """Return the motion with random noise of the estimated size added to body 1, psi and their derivatives."""
         letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
-        hinge = self._of(_OF_BODY1[0], [angle[:, None] for angle in known.hinge])
-        R, v, a, S, omega, alpha = (np.asarray(getattr(known.body1, letter)) for own in letters for letter in own)
-        places, turns = self._of(_OF_BODY1[1], [R, v, a]), self._of(_OF_BODY1[2], [S, omega, alpha])
+        hinge = self._draw_noise(("psi", "psid", "psidd"), [angle[:, None] for angle in motion.hinge])
+        R, v, a, S, omega, alpha = (np.asarray(getattr(motion.body1, letter)) for own in letters for letter in own)
+        places = self._draw_noise(("R1", "v1", "a1"), [R, v, a])
+        turns = self._draw_noise(("S1", "omega1", "alpha1"), [S, omega, alpha])
         moved = {letter: own + noise for letter, own, noise in zip("Rva", (R, v, a), places, strict=True)}
         moved["S"] = rotation_exp(turns[0]) @ S
         moved |= {"omega": omega + turns[1], "alpha": alpha + turns[2]}
-        angles = tuple(angle + noise[:, 0] for angle, noise in zip(known.hinge, hinge, strict=True))
-        return ByBody1(BodyMotion(**moved), angles)
+        angles = tuple(angle + noise[:, 0] for angle, noise in zip(motion.hinge, hinge, strict=True))
+        return MotionByBody1(BodyMotion(**moved), angles)
 
-    def _of(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Draw noise of samples, shape (N, k), of their rate and of its rate; of an attitude by rotation vectors."""
+    def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
+        """Draw random noise for a quantity and its two derivatives, shape (N, k) each; store its size in `sizes`."""
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
-        for name, own in zip(names, values, strict=True):
+        for name, samples in zip(names, values, strict=True):
             if slopes and not {name, name.partition("_")[0]}.isdisjoint(self._derived):
                 noise.append(slopes.pop(0))
                 continue
-            residuals = local_fit_residuals(self._t, own, _turned_from if name == "S1" else None)
-            known = np.isfinite(residuals).all(axis=1)
-            deviations = np.sqrt(np.mean(residuals[known] ** 2, axis=0)) if known.any() else np.zeros(own.shape[1])
+            residuals = local_fit_residuals(self._t, samples, _turned_from if name == "S1" else None)
+            finite = np.isfinite(residuals).all(axis=1)
+            deviations = (
+                np.sqrt(np.mean(residuals[finite] ** 2, axis=0)) if finite.any() else np.zeros(samples.shape[1])
+            )
             noise.append(deviations * self._rng.standard_normal((len(self._t), len(deviations))))
             self._keep(name, float(deviations.max()))
             pairs = [differentiate(self._t, column, self._order) for column in noise[-1].T]

@@ -34,31 +34,33 @@ from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.integrated_motion import START, integrated
-from hingepair.scenes.known_motion import ByCoordinates, by_body1
-from hingepair.scenes.motion import Given, Motion, turns_about
-from hingepair.scenes.tables import Place, Table
+from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
+from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
+from hingepair.scenes.motion import Motion, PairMotionSource, turns_about
+from hingepair.scenes.tables import NamedSource, Table
 
-ORDER: Final = 6
-"""Of the derivatives in the step between samples."""
+FINITE_DIFFERENCE_ORDER: Final = 6
+"""Order of the error of derivatives by finite differences, in the step between samples."""
 
-ARRAYS: Final[dict[str, tuple[str, ...]]] = {
+COLUMNS_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
     **COLUMN_NAMES[COORDINATES],
 }
-"""Array -> its columns."""
-PAIR_LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
+"""Names of the columns of each array that a log may have."""
+PAIR_LOG_COLUMN_NAMES: Final = tuple(
+    dict.fromkeys(("t", *(column for own in COLUMNS_BY_LOG_ARRAY.values() for column in own)))
+)
 """Names of all columns that a log of a pair may have: t and the columns of the arrays."""
 
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
 
 
-class Layout(NamedTuple):
-    """Columns that a log may have.
+class LogLayout(NamedTuple):
+    """Names of the columns that a log may have, with the arrays that they form and the angles among them.
 
     Attributes:
         arrays: columns of each array, by name; what is in no array is a column by itself.
@@ -79,29 +81,29 @@ class Layout(NamedTuple):
         return self.arrays.get(name, (name,))
 
 
-_PAIR_LOG_LAYOUT: Final = Layout(
-    ARRAYS,
-    PAIR_LOG_COLUMNS,
+_PAIR_LOG_LAYOUT: Final = LogLayout(
+    COLUMNS_BY_LOG_ARRAY,
+    PAIR_LOG_COLUMN_NAMES,
     frozenset({"phi", "psi"}),
     frozenset({*SPATIAL.levels, *PLANAR.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
-"""Layout of the log of a pair: its angles, its results and the command that writes it."""
-_POSITION_ARRAYS = ("R1", "v1", "a1")
+"""LogLayout of the log of a pair: its angles, its results and the command that writes it."""
+_POSITION_NAMES_BY_ORDER = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE_COLUMNS = ("psi", "psid", "psidd")
+_HINGE_NAMES_BY_ORDER = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_EULER_ARRAYS = ("phi", "phid", "phidd")
+_EULER_NAMES_BY_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
-_QUATERNION_ARRAYS = ("quat_xyzw", "omega1", "alpha1")
+_QUATERNION_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_MIN_ROUNDED_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
+_MIN_LONG_DOUBLE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
 def read_log(table: Table, folder: Path) -> Motion:
-    """Return the motion in the file that the table [motion] names, relative to a folder."""
+    """Return the Motion of the log that [motion] names, relative to `folder`: as stated, smoothed or integrated."""
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
-    start = (*START, "S1_0")
+    start = (*INTEGRATION_OPTION_KEYS, "S1_0")
     for key in start:
         if key in table.values and not integrated:
             table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
@@ -114,13 +116,13 @@ def read_log(table: Table, folder: Path) -> Motion:
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
         table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
-    log = Log(log_file(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap)
+    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap)
     if smoothed:
-        return _smoothed_motion(table, log)
-    return _integrated(table, log) if integrated else _stated(table, log)
+        return _read_smoothed_motion(table, log)
+    return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
 
 
-def log_file(table: Table, folder: Path) -> Path:
+def log_path(table: Table, folder: Path) -> Path:
     """Return the path of the file that [motion] names, relative to a folder; refuse one that is not there."""
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
@@ -128,9 +130,14 @@ def log_file(table: Table, folder: Path) -> Path:
     return file
 
 
-def _frame(table: Table, log: Log) -> str:
-    """Return the axes of a log's angular velocities, which the table must name; "world" where the log has none."""
-    rates = [column for name in _QUATERNION_ARRAYS[1:] for column in ARRAYS[name] if column in log.columns]
+def _velocity_frame(table: Table, log: Log) -> str:
+    """Return the axes of the log's angular velocities, "body" or "world"; refuse a table that does not name them."""
+    rates = [
+        column
+        for name in _QUATERNION_NAMES_BY_ORDER[1:]
+        for column in COLUMNS_BY_LOG_ARRAY[name]
+        if column in log.columns
+    ]
     if "frame" in table.values and not rates:
         table.fail("frame", "no such key, since the log has no omega1_x, omega1_y, omega1_z")
     if rates and "frame" not in table.values:
@@ -139,8 +146,8 @@ def _frame(table: Table, log: Log) -> str:
     return table.choice("frame", FRAMES)
 
 
-class Log(Place):
-    """The columns of a file, and derivatives of them.
+class Log(NamedSource):
+    """Columns of a log file by name, read and checked, with derivatives and notes that follow from them.
 
     Args:
         path: the file.
@@ -153,7 +160,7 @@ class Log(Place):
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
-    def __init__(self, path: Path, layout: Layout, completed: bool, unwrap: bool | None) -> None:
+    def __init__(self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.layout = layout
         self.completed = completed
@@ -162,17 +169,19 @@ class Log(Place):
         self.derived: list[str] = []
         self.notes: list[str] = []
         kind = path.suffix.lower()
-        known = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
+        known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
         wanted = ColumnRequest(
-            lambda names: self._checked(names, known), lambda name, _: layout.arrays.get(name, name), exact="t"
+            lambda names: self._check_column_names(names, known_names),
+            lambda name, _: layout.arrays.get(name, name),
+            exact="t",
         )
         with self.naming():
             self.columns = read_columns(path, wanted)
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps, ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > _MIN_ROUNDED_INSTANT
+            t = instants_of("t", stamps, FINITE_DIFFERENCE_ORDER if completed else 0)
+            late = kind == ".csv" and abs(t[0]) > _MIN_LONG_DOUBLE_INSTANT
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
@@ -181,82 +190,86 @@ class Log(Place):
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
-    def _checked(self, names: list[str], known: tuple[str, ...]) -> list[str]:
-        """Return the names of the columns; refuse one that is not known or comes twice."""
-        for i, name in enumerate(names):
-            if name not in known:
-                got = f"an unknown column{nearest(name, known)}"
+    def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
+        """Return the names unchanged; refuse a column that is unknown, holds results, or comes twice."""
+        for i, name in enumerate(column_names):
+            if name not in known_names:
+                got = f"an unknown column{nearest(name, known_names)}"
                 if name.partition("_")[0] in self.layout.results:
                     got = f"a column of results, which are no motion ({self.layout.written})"
-                self.refuse(repr(name[:40]), choices(known), got)
-            if name in names[:i]:
+                self.refuse(repr(name[:40]), choices(known_names), got)
+            if name in column_names[:i]:
                 self.refuse(name, "a column once", "a second one")
-        return names
+        return column_names
 
-    def part(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives: those in the file and, with differentiate = true, the others.
+    def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
+        """Return a quantity and its derivatives by name; record in `derived` those found by finite differences.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
         """
-        found = {}
+        arrays = {}
         for i, name in enumerate(names):
-            array = self._together(name, required and i == 0)
+            array = self._stack_columns(name, required and i == 0)
             if array is not None:
-                found[name] = array
-        if self.completed and names[0] in found:
+                arrays[name] = array
+        if self.completed and names[0] in arrays:
             for i, name in enumerate(names[1:]):
-                if name not in found:
-                    derivatives = self._derivatives(names[i], found[names[i]])
+                if name not in arrays:
+                    derivatives = self._derivatives(names[i], arrays[names[i]])
                     for key, derivative in zip(names[i + 1 :], derivatives, strict=False):
-                        if key not in found:
-                            found[key] = derivative
+                        if key not in arrays:
+                            arrays[key] = derivative
                             self.derived.append(key)
-        return {name: array if name in self.layout.arrays else array[:, 0] for name, array in found.items()}
+        return {name: array if name in self.layout.arrays else array[:, 0] for name, array in arrays.items()}
 
-    def _together(self, name: str, required: bool) -> NDArray[np.float64] | None:
-        """Return the columns of an array side by side; None where none of them is there and none need be."""
-        own = self.layout.columns_of(name)
-        there = [column for column in own if column in self.columns]
-        if not there and not required:
+    def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
+        """Return an array of a log from its columns, shape (N, k); None if all are absent and it is not required."""
+        column_names = self.layout.columns_of(array_name)
+        present_names = [column for column in column_names if column in self.columns]
+        if not present_names and not required:
             return None
-        for column in own:
+        for column in column_names:
             if column not in self.columns:
-                self.refuse(column, f"a column beside {there[0]}" if there else "a column", "no such column")
-        return np.stack([self.columns[column] for column in own], axis=-1)
+                self.refuse(
+                    column, f"a column beside {present_names[0]}" if present_names else "a column", "no such column"
+                )
+        return np.stack([self.columns[column] for column in column_names], axis=-1)
 
-    def finite(self, name: str, array: Float64Array, use: str) -> None:
-        """Refuse numbers that are not finite."""
+    def check_finite(self, name: str, array: Float64Array, use: str) -> None:
+        """Refuse an array with a number that is not finite; `use` says in the message what the array is for."""
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
             self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
-        """Return the rotation matrices of quaternions; refuse one that is zero."""
+        """Return the rotation matrices of quaternions (x, y, z, w); refuse a zero quaternion."""
         zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
         if zero.size:
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
     def _derivatives(self, name: str, array: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the first and second derivatives of columns; of an attitude, omega and alpha."""
-        self.finite(name, array, "differentiated")
+        """Return first and second derivatives of an array by finite differences; of a quaternion, omega and alpha."""
+        self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
-            with self.naming(", ".join(ARRAYS[name])):
+            with self.naming(", ".join(COLUMNS_BY_LOG_ARRAY[name])):
                 omega, alpha = angular_velocity_from_samples(
-                    self.since, self.rotations(array), ORDER, with_alpha=True
+                    self.since, self.rotations(array), FINITE_DIFFERENCE_ORDER, with_alpha=True
                 )
             return np.asarray(omega), np.asarray(alpha)
         columns = list(array.T)
         if name in self.layout.angles:
             named = zip(self.layout.columns_of(name), columns, strict=True)
-            columns = [self._continuous(*own) for own in named]
-        found = [differentiate(self.since, column, ORDER) for column in columns]
-        return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
+            columns = [self._unwrap_angles(*own) for own in named]
+        derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ORDER) for column in columns]
+        return np.stack([first for first, _ in derivatives], axis=-1), np.stack(
+            [second for _, second in derivatives], axis=-1
+        )
 
-    def _continuous(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return a column of angles [rad] to be differentiated, unwrapped or as it stands, and note which."""
+    def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
+        """Return angles [rad] without jumps by whole turns, or unchanged, as `unwrap` says; note jumps."""
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
         unwrap = self.unwrap
@@ -275,50 +288,52 @@ class Log(Place):
                 )
         return np.unwrap(angles) if unwrap else angles
 
-    def lacking_errors(self) -> str:
-        """Return a sentence on the derivatives that were found by finite differences; an empty text without any."""
+    def unknown_error_note(self) -> str:
+        """Return a sentence that the error of finite differences is unknown; an empty text if none were taken."""
         if not self.derived:
             return ""
         be = "were" if len(self.derived) > 1 else "was"
         return f"{', '.join(self.derived)} {be} found by finite differences; how far off is not known"
 
 
-def _stated(table: Table, log: Log) -> Motion:
-    """Return the motion that the file states: position, attitude, hinge angle."""
-    attitude = _attitude(log)
-    if attitude is _QUATERNION_ARRAYS and "sequence" in table.values:
+def _read_stated_motion(table: Table, log: Log) -> Motion:
+    """Return the Motion of the log's position, attitude and psi, with the derivatives that all of them have."""
+    attitude = _attitude_names(log)
+    if attitude is _QUATERNION_NAMES_BY_ORDER and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
-    parts = {names: log.part(names) for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS)}
-    level, frame = _highest_derivative(log, parts), _frame(table, log)
-    for name in (*(ARRAYS["phi"] if attitude is _EULER_ARRAYS else ()), "psi"):
+    parts = {
+        names: log.quantity_and_rates(names) for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
+    }
+    level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
+    for name in (*(COLUMNS_BY_LOG_ARRAY["phi"] if attitude is _EULER_NAMES_BY_ORDER else ()), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
-    given: Given
-    if attitude is _EULER_ARRAYS:
+    source: PairMotionSource
+    if attitude is _EULER_NAMES_BY_ORDER:
         rows = tuple(_seven([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
-        given, how = ByCoordinates(log.t.size, rows, sequence), turns_about(sequence)
+        source, how = MotionByCoordinates(log.t.size, rows, sequence), turns_about(sequence)
     else:
-        known = {name: array for part in parts.values() for name, array in part.items()}
-        known["S1"] = log.rotations(known["quat_xyzw"])
+        arrays = {name: array for part in parts.values() for name, array in part.items()}
+        arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            own = [name for name in _QUATERNION_ARRAYS[start:] if name in known]
-            known |= {name: rotate_to_world(known["S1"], known[name]) for name in own}
-        given, how = by_body1(known), "attitude as quaternions"
+            rate_names = [name for name in _QUATERNION_NAMES_BY_ORDER[start:] if name in arrays]
+            arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
+        source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
-    doubt, notes, derived = log.lacking_errors(), tuple(log.notes), tuple(log.derived)
-    return Motion(log.t, given, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
+    doubt, notes, derived = log.unknown_error_note(), tuple(log.notes), tuple(log.derived)
+    return Motion(log.t, source, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
 
 
-def _smoothed_motion(table: Table, log: Log) -> Motion:
-    """Return the motion of noisy samples of position, attitude and psi, smoothed, with all rates."""
-    attitude = _attitude(log)
+def _read_smoothed_motion(table: Table, log: Log) -> Motion:
+    """Return the Motion of noisy position, attitude and psi, smoothed, with all rates; refuse other columns."""
+    attitude = _attitude_names(log)
     read = {
         "t",
         *(
             column
-            for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS)
-            for column in ARRAYS.get(names[0], names[:1])
+            for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
+            for column in COLUMNS_BY_LOG_ARRAY.get(names[0], names[:1])
         ),
     }
     for column in log.columns:
@@ -326,17 +341,20 @@ def _smoothed_motion(table: Table, log: Log) -> Motion:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
-    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER_ARRAYS else ())))
-    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION_ARRAYS, attitude, _HINGE_COLUMNS))
-    if attitude is _EULER_ARRAYS:
+    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER_NAMES_BY_ORDER else ())))
+    R1, turns, psi = (
+        log.quantity_and_rates(names)[names[0]]
+        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
+    )
+    if attitude is _EULER_NAMES_BY_ORDER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCES, "XYZ")))
     else:
         S1 = log.rotations(turns)
     with warnings.catch_warnings(record=True) as caught, log.naming():
         warnings.simplefilter("always", MeasurementWarning)
         body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
-    known = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    known |= {name: getattr(angle, name) for name in _HINGE_COLUMNS}
+    arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
+    arrays |= {name: getattr(angle, name) for name in _HINGE_NAMES_BY_ORDER}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -345,10 +363,10 @@ def _smoothed_motion(table: Table, log: Log) -> Motion:
     noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
     texts = dict.fromkeys(str(warning.message) for warning in caught)
     notes = (*log.notes, f"smoothed: noise of {noise} (standard deviation of a component)", *texts)
-    names = tuple(name for name in known if name not in {"R1", "S1", "psi"})
+    names = tuple(name for name in arrays if name not in {"R1", "S1", "psi"})
     return Motion(
         log.t,
-        by_body1(known),
+        motion_by_body1(arrays),
         "samples in a file",
         "smoothed, with their rates",
         {},
@@ -359,51 +377,60 @@ def _smoothed_motion(table: Table, log: Log) -> Motion:
     )
 
 
-def _integrated(table: Table, log: Log) -> Motion:
-    """Return the motion whose rates the file states, integrated (E12)."""
-    rates = (_QUATERNION_ARRAYS[1:], _HINGE_COLUMNS[1:])
-    quantities = (name for names in (_POSITION_ARRAYS, *rates) for name in names)
+def _integrate_rates(table: Table, log: Log) -> Motion:
+    """Integrate the log's omega1 and psi' (E12) and return the Motion; refuse columns but those of rates and R1."""
+    rates = (_QUATERNION_NAMES_BY_ORDER[1:], _HINGE_NAMES_BY_ORDER[1:])
+    quantities = (name for names in (_POSITION_NAMES_BY_ORDER, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
             log.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
-    turning, hinge = (log.part(names) for names in rates)
+    turning, hinge = (log.quantity_and_rates(names) for names in rates)
     for part in (turning, hinge):
         name, array = next(iter(part.items()))
-        log.finite(name, array, "integrated")
-    position = log.part(
-        _POSITION_ARRAYS, required=any(column in log.columns for column in (*ARRAYS["v1"], *ARRAYS["a1"]))
+        log.check_finite(name, array, "integrated")
+    position = log.quantity_and_rates(
+        _POSITION_NAMES_BY_ORDER,
+        required=any(column in log.columns for column in (*COLUMNS_BY_LOG_ARRAY["v1"], *COLUMNS_BY_LOG_ARRAY["a1"])),
     )
     if not position:
-        position = dict.fromkeys(_POSITION_ARRAYS, np.zeros((log.t.size, 3)))
+        position = dict.fromkeys(_POSITION_NAMES_BY_ORDER, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
-    _frame(table, log)
-    known = position | turning | hinge
-    signals = SampledSignal(log.since, known["omega1"], AUTO), SampledSignal(log.since, known["psid"], AUTO)
-    notes = (*log.notes, *filter(None, [log.lacking_errors()]))
+    _velocity_frame(table, log)
+    arrays = position | turning | hinge
+    signals = SampledSignal(log.since, arrays["omega1"], AUTO), SampledSignal(log.since, arrays["psid"], AUTO)
+    notes = (*log.notes, *filter(None, [log.unknown_error_note()]))
     return replace(
-        integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t, derived=tuple(log.derived)
+        integrate_motion(table, log.since, signals, arrays, hint=log.hint, notes=notes),
+        t=log.t,
+        derived=tuple(log.derived),
     )
 
 
-def _attitude(log: Log) -> tuple[str, ...]:
-    """Return the names of the attitude and its rates, angles or quaternions; refuse columns of the other kind."""
-    euler = any(column in log.columns for column in ARRAYS["phi"])
-    own, other = (_EULER_ARRAYS, _QUATERNION_ARRAYS) if euler else (_QUATERNION_ARRAYS, _EULER_ARRAYS)
-    if not euler and not any(column in log.columns for column in ARRAYS["quat_xyzw"]):
+def _attitude_names(log: Log) -> tuple[str, ...]:
+    """Return the names of the log's attitude and its derivatives; refuse a log with both kinds or neither."""
+    euler = any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["phi"])
+    attitude_names, other_names = (
+        (_EULER_NAMES_BY_ORDER, _QUATERNION_NAMES_BY_ORDER)
+        if euler
+        else (_QUATERNION_NAMES_BY_ORDER, _EULER_NAMES_BY_ORDER)
+    )
+    if not euler and not any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
-    for column in (column for name in other for column in ARRAYS[name]):
+    for column in (column for name in other_names for column in COLUMNS_BY_LOG_ARRAY[name]):
         if column in log.columns:
-            log.refuse(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
-    return own
+            log.refuse(
+                column, f"nothing of this kind beside {COLUMNS_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
+            )
+    return attitude_names
 
 
-def _highest_derivative(log: Log, parts: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest derivative of the motion; refuse derivatives of some parts without those of the others."""
-    level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
-    for names, part in parts.items():
+def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
+    """Return the highest order of derivatives in the log; refuse a log where not all quantities have it."""
+    level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
+    for names, part in arrays_by_quantity.items():
         for name in names[: level + 1]:
             if name not in part:
                 column = log.layout.columns_of(name)[0]

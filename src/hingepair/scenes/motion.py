@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
@@ -20,8 +21,8 @@ from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
 
 
-class Given(Protocol):
-    """A motion at all of its instants, of which it gives some."""
+class PairMotionSource(Protocol):
+    """Protocol of a pair's motion at all instants of a scene; `part` returns it at some of these."""
 
     @property
     def level(self) -> int:
@@ -37,11 +38,11 @@ class Given(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """A motion at instants, and what a reader of it should know.
+    """Motion of a pair at a scene's instants, with its origin, its error estimates and notes for reports.
 
     Attributes:
         t: instants [s].
-        given: the motion at all of them.
+        source: the motion at all of them.
         origin: where it comes from, in words.
         how: how body 1 turns, or how the motion was found.
         errors: how far each thing that was found is off at the worst instant, NaN where that is not known, by its
@@ -56,7 +57,7 @@ class Motion:
     """
 
     t: Instants
-    given: Given
+    source: PairMotionSource
     origin: str
     how: str
     errors: Mapping[str, LazyValue] = field(default_factory=dict)
@@ -71,7 +72,7 @@ class Motion:
     @property
     def level(self) -> int:
         """The highest derivative that there is."""
-        return self.given.level
+        return self.source.level
 
     @property
     def error_estimate(self) -> float:
@@ -80,32 +81,32 @@ class Motion:
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     @property
-    def turning(self) -> str:
-        """Description of the rotation of body 1 and of its error, for a report."""
+    def turning_description(self) -> str:
+        """Description of how body 1 turns, or how the motion was found, and of the error, for a report."""
         if not self.errors:
             return self.how
-        known = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
-        return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {known}'}"
+        estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
+        return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
-    def kinks(self, start: int, stop: int) -> int:
-        """Return the number of intervals that end at these instants and hold a kink or a jump of a function of t."""
+    def count_kinks(self, start: int, stop: int) -> int:
+        """Count the intervals that end at the instants start to stop - 1 and hold a kink of a function of t."""
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity vector in space [m/s^2]: that of the table [dynamics], or the default."""
+        """Return the gravity vector in space [m/s^2]: that of a simulated motion, or the default of the pair."""
         if self.simulated:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
 
 
-class LimitWatch:
-    """Counts the instants at which a coordinate or a rate is past its limits, piece by piece.
+class LimitCounter:
+    """Counter of the instants at which a coordinate or a rate is past its limits, and its extremes.
 
     Args:
-        shown: name of it, for readers.
+        shown: name of the quantity in the sentence.
         limits: least and greatest value; infinite where there is none.
-        unit: of both.
+        unit: unit of both limits.
     """
 
     def __init__(self, shown: str, limits: tuple[float, float], unit: str) -> None:
@@ -114,7 +115,7 @@ class LimitWatch:
         self.least, self.most = math.inf, -math.inf
 
     def add(self, t: Float64Array, values: Float64Array) -> None:
-        """Look at the values at some instants; shape (N,) each."""
+        """Update counts and extremes with the values at some instants; shape (N,) each."""
         self.least = float(np.fmin.reduce(values, initial=self.least))
         self.most = float(np.fmax.reduce(values, initial=self.most))
         lower, upper = self._limits
@@ -125,13 +126,13 @@ class LimitWatch:
             )
             self._outside += outside.size
 
-    def sentences(self, samples: int) -> Iterator[str]:
-        """Yield a sentence if a value was past its limits; `samples` is the number of all instants."""
+    def sentences(self, instant_count: int) -> Iterator[str]:
+        """Yield one sentence if a value was past its limits; `instant_count` is the number of all instants."""
         if self._outside:
             lower, upper = self._limits
             yield (
                 f"{self._shown} leaves its limits, {lower:g} to {upper:g} {self._unit}, "
-                f"at {self._outside} of {samples} instants, {self._first}"
+                f"at {self._outside} of {instant_count} instants, {self._first}"
             )
 
 
@@ -141,11 +142,19 @@ def constant_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
         yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
 
 
-def kink_sentences(kinks: int) -> Iterator[str]:
-    """Yield a sentence if intervals hold kinks or jumps of functions of t."""
-    if kinks:
-        where = f"{kinks} interval{'s' * (kinks != 1)}"
+def kink_sentences(kink_count: int) -> Iterator[str]:
+    """Yield one sentence that `kink_count` intervals hold kinks or jumps of functions of t; nothing for 0."""
+    if kink_count:
+        where = f"{kink_count} interval{'s' * (kink_count != 1)}"
         yield f"kinks or jumps in {where}; derivatives there are those from the right"
+
+
+def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+    """Yield one sentence that counts the instants with forces that are not finite; nothing if all are finite."""
+    finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
+    lost = int((~np.logical_and.reduce(finite)).sum())
+    if lost:
+        yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
 
 
 def turns_about(sequence: str) -> str:

@@ -19,27 +19,30 @@ Made = TypeVar("Made")
 
 
 def _read_inertia(table: Table, key: str) -> Any:
-    """Read an inertia: three principal moments, or a matrix."""
-    given = table.values[key]
-    diagonal = isinstance(given, list) and not any(isinstance(row, list) for row in given)
+    """Return the inertia of a key as 3 x 3 numbers, from three principal moments or a matrix."""
+    entries = table.values[key]
+    diagonal = isinstance(entries, list) and not any(isinstance(row, list) for row in entries)
     return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
-    """Return the shapes of a body, in the order of the file."""
-    given = table.values[key]
-    if not isinstance(given, list) or not all(isinstance(shape, dict) for shape in given):
+    """Return the shapes (Box, Cylinder, Sphere) of a body, in the order of the file."""
+    shape_tables = table.values[key]
+    if not isinstance(shape_tables, list) or not all(isinstance(shape, dict) for shape in shape_tables):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
-    return [_shape(replace(table, name=f"{table.name}.{key}[{i}]", values=own)) for i, own in enumerate(given)]
+    return [
+        _read_shape(replace(table, name=f"{table.name}.{key}[{i}]", values=values))
+        for i, values in enumerate(shape_tables)
+    ]
 
 
-def _shape(table: Table) -> Shape:
-    """Return one shape from its table, which names exactly one kind: box, cylinder or sphere."""
-    named = [kind for kind in _SHAPE_READERS if kind in table.values]
+def _read_shape(table: Table) -> Shape:
+    """Return the Box, Cylinder or Sphere of a table, which has exactly one of the keys box, cylinder, sphere."""
+    named = [kind for kind in _SHAPE_SPEC_BY_KIND if kind in table.values]
     if len(named) != 1:
-        table.refuse("", f"one of {', '.join(_SHAPE_READERS)}", ", ".join(named) or "none of them")
+        table.refuse("", f"one of {', '.join(_SHAPE_SPEC_BY_KIND)}", ", ".join(named) or "none of them")
     (kind,) = named
-    make, size, keys = _SHAPE_READERS[kind]
+    make, size, keys = _SHAPE_SPEC_BY_KIND[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return made(table, make, {size: values.pop(kind), **values})
 
@@ -47,11 +50,11 @@ def _shape(table: Table) -> Shape:
 def read_body(table: Table, key: str) -> Body:
     """Read mass properties and shapes from the table below a key."""
     own = table.table(key)
-    return made(own, Body, own.read(BODY_KEYS))
+    return made(own, Body, own.read(BODY_KEY_READERS))
 
 
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
-_SHAPE_READERS: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
+_SHAPE_SPEC_BY_KIND: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,
@@ -60,25 +63,25 @@ _SHAPE_READERS: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str,
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
-BODY_KEYS: Final[Mapping[str, Key]] = {
+BODY_KEY_READERS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers_key(3),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_BODY_READERS: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_BODY1_AND_BODY2_READERS: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
-_ROBOT_HINGE_READERS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_ROBOT_HINGE_KEY_READERS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
-_PLANAR_PAIR_READERS: Final[Mapping[str, Key]] = {
+_PLANAR_PAIR_KEY_READERS: Final[Mapping[str, Key]] = {
     "u1": numbers_key(2),
     "u2": numbers_key(2),
     "name": Table.text,
-    **_BODY_READERS,
+    **_BODY1_AND_BODY2_READERS,
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
-PAIR_KEYS: Final[Mapping[str, Key]] = {
+PAIR_KEY_READERS: Final[Mapping[str, Key]] = {
     **{
         "u1": numbers_key(3),
         "u2": numbers_key(3),
@@ -86,50 +89,56 @@ PAIR_KEYS: Final[Mapping[str, Key]] = {
         "home": Table.rotation,
         "limits": numbers_key(2),
     },
-    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODY_READERS},
+    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODY1_AND_BODY2_READERS},
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-SPATIAL_PAIR_KEYS: Final = (*PAIR_KEYS, *_ROBOT_HINGE_READERS)
+SPATIAL_PAIR_TABLE_KEYS: Final = (*PAIR_KEY_READERS, *_ROBOT_HINGE_KEY_READERS)
 """Keys that the table [pair] of a pair in space may have."""
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """Return the pair of the table [pair], named as its file is unless it has a name."""
+    """Return the HingePair or PlanarPair of the table [pair]; its name is that of the file unless given."""
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return made(table, PlanarPair, name | table.read(_PLANAR_PAIR_READERS, ("u1", "u2")))
-    table.check_keys(SPATIAL_PAIR_KEYS)
-    if not table.values.keys() & _ROBOT_HINGE_READERS:
-        return made(table, HingePair, name | table.read(PAIR_KEYS, ("u1", "u2", "n")))
+        return made(table, PlanarPair, name | table.read(_PLANAR_PAIR_KEY_READERS, ("u1", "u2")))
+    table.check_keys(SPATIAL_PAIR_TABLE_KEYS)
+    if not table.values.keys() & _ROBOT_HINGE_KEY_READERS:
+        return made(table, HingePair, name | table.read(PAIR_KEY_READERS, ("u1", "u2", "n")))
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_ROBOT_HINGE_READERS, **_BODY_READERS}:
+        if key not in {**_ROBOT_HINGE_KEY_READERS, **_BODY1_AND_BODY2_READERS}:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
-    values = table.read({**_ROBOT_HINGE_READERS, **_BODY_READERS}, _ROBOT_HINGE_READERS)
-    return replace(made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_READERS}), **values)
+    values = table.read({**_ROBOT_HINGE_KEY_READERS, **_BODY1_AND_BODY2_READERS}, _ROBOT_HINGE_KEY_READERS)
+    return replace(
+        made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEY_READERS}), **values
+    )
 
 
-def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) -> dict[str, tuple[Any, ...]]:
-    """Return the exact SymPy expressions that u1, u2, n (of length 1) and home of the table [pair] stand for.
+def pair_expressions(
+    table: Table, planar: bool, symbolic_constants: Collection[str] = ()
+) -> dict[str, tuple[Any, ...]]:
+    """Return u1, u2, n (of length 1) and home of the table [pair] by name, as tuples of exact SymPy expressions.
 
     What the table does not have is left out, such as all of a robot's hinge, and so is an axis in plain numbers.
 
     Args:
         table: the table [pair].
         planar: whether u1 and u2 have two components.
-        letters: constants of the scene that stay letters.
+        symbolic_constants: constants of the scene that stay symbols.
     """
     from hingepair.symbolic.exact_constants import exact_unit_axis
 
     size = 2 if planar else 3
     written: dict[str, tuple[Any, ...]] = {
-        key: tuple(table.expressions(key, size, letters=letters)) for key in ("u1", "u2") if key in table.values
+        key: tuple(table.expressions(key, size, symbolic_constants=symbolic_constants))
+        for key in ("u1", "u2")
+        if key in table.values
     }
     if any(isinstance(component, str) for component in table.values.get("n", ())):
-        written["n"] = exact_unit_axis(table.expressions("n", 3, letters=letters))
+        written["n"] = exact_unit_axis(table.expressions("n", 3, symbolic_constants=symbolic_constants))
     if "home" in table.values:
-        written["home"] = table.exact_rotation("home", letters)
+        written["home"] = table.exact_rotation("home", symbolic_constants)
     return written
 
 

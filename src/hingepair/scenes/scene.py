@@ -25,9 +25,9 @@ from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.scenes.instants import Instants, Rows, Sampled
-from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion, quaternion_columns
-from hingepair.scenes.motion import LimitWatch, Motion, constant_suspicions, kink_sentences, massive
+from hingepair.scenes.instants import Instants, Rows, SampledScene
+from hingepair.scenes.known_motion import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
+from hingepair.scenes.motion import LimitCounter, Motion, constant_suspicions, kink_sentences, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -44,16 +44,16 @@ _PAIR_SCENE_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "ou
 """Keys and tables that the file of a scene of a pair may have."""
 _MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
-_SCENE_OUTPUT_LEVELS = {
+_DERIVATIVE_ORDER_BY_SCENE_OUTPUT = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
 }
 """Derivatives that an output needs, by its name without the number of the body; others need none."""
-COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
+COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Outputs of a scene that are not of the equations: its coordinates, all or psi alone, and their derivatives."""
-_QUATERNION_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}
+_ATTITUDE_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-SCENE_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_QUATERNION_ATTITUDES)
+ADDITIONAL_SCENE_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_BY_QUATERNION_OUTPUT)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -94,64 +94,66 @@ class SceneResult(Frozen, Result):
         return self.scene.files
 
     def chosen(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs by name; shape (samples, ...).
+        """Return the requested outputs as arrays by name; shape (samples, ...).
 
         Of q, qd, qdd, quat1 and quat2 each component is an array of its own, named as in a log.
         """
         names, state = self.names, self.state.arrays()
         if names is None:
             names = (*state, *(name for name in ("psi", "psid", "psidd") if _output_level(name) <= self.known.level))
-        found: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
+        arrays: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
         for name in names:
-            own = self._components(name) if name in SCENE_OUTPUTS else {}
-            found |= {key: own[key] for key in own if key.partition("_")[0] not in found}  # v1 has v1_x already
-        return found
+            components = self._components(name) if name in ADDITIONAL_SCENE_OUTPUT_NAMES else {}
+            arrays |= {
+                key: components[key] for key in components if key.partition("_")[0] not in arrays
+            }  # v1 has v1_x already
+        return arrays
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the outputs and the coordinates, by name; shape (samples, ...)."""
         return self.chosen() | self.known.coordinates()
 
     def energy(self) -> Energy:
-        """Compute kinetic and potential energy at the instants (D7) of bodies with masses, in the scene's gravity.
+        """Compute the kinetic and potential Energy at the instants (D7), in the scene's gravity.
 
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
         """
-        moved, gravity = self._moved(), self.scene.motion.gravity(self.scene.pair)
+        moved, gravity = self._motion_in_space(), self.scene.motion.gravity(self.scene.pair)
         return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
-        """Compute linear and angular momentum at the instants (D8), where both bodies have mass properties.
+        """Compute the linear and angular Momentum at the instants (D8), where both bodies have mass properties.
 
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
         """
-        moved = self._moved()
+        moved = self._motion_in_space()
         return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
-    def _moved(self) -> ByBody1:
-        """Return the motion of body 1 in space and of the hinge."""
+    def _motion_in_space(self) -> MotionByBody1:
+        """Return the motion as MotionByBody1; raise ArgumentError if it has no second derivatives."""
         if self.known.level < ACCELERATION:
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
         return self.known.in_space(self.scene.pair)
 
     def _components(self, name: str) -> dict[str, NDArray[np.float64]]:
-        """Return the components of one of SCENE_OUTPUTS by name; none where it is not known, or was not needed."""
-        if name in _QUATERNION_ATTITUDES:
-            S = getattr(self.state, _QUATERNION_ATTITUDES[name], None)
+        """Return the columns of q, qd, qdd, psi, psid, psidd, quat1 or quat2 by name; empty if not computed."""
+        if name in _ATTITUDE_BY_QUATERNION_OUTPUT:
+            S = getattr(self.state, _ATTITUDE_BY_QUATERNION_OUTPUT[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
         if _output_level(name) > self.known.level:
             return {}
         return (
-            self.known.logged(_output_level(name))
+            self.known.log_columns(_output_level(name))
             if name[0] == "q"
             else {name: self.known.hinge_angle(_output_level(name))}
         )
 
     def __getattr__(self, name: str) -> Any:
-        if name in SCENE_OUTPUTS:
-            own = [*self._components(name).values()]
-            return None if not own else np.stack(own, -1) if name[0] == "q" else own[0]
+        if name in ADDITIONAL_SCENE_OUTPUT_NAMES:
+            components = [*self._components(name).values()]
+            return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
         raise missing_attribute_error(self, name)
@@ -160,7 +162,7 @@ class SceneResult(Frozen, Result):
         return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
-        """Return the names of the attributes that can be computed from this result."""
+        """Return the names of the attributes that this result can compute, for `dir` and messages."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
@@ -169,8 +171,8 @@ class SceneResult(Frozen, Result):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene(Sampled):
-    """A pair, its motion, and the instants to evaluate it at.
+class Scene(SampledScene):
+    """A pair, its motion, and the instants at which the motion is computed, as a scene file describes them.
 
     Attributes:
         path: the file it came from.
@@ -196,10 +198,10 @@ class Scene(Sampled):
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
-        """Return the table of the scene: title, and rows of name, value and unit."""
+        """Return the Sheet that prints the scene: title, and rows of name, value and unit."""
         rows = [
             ("pair", self.pair.name, ""),
-            ("motion", f"{self.motion.origin}; {self.motion.turning}", ""),
+            ("motion", f"{self.motion.origin}; {self.motion.turning_description}", ""),
             ("instants", str(self.samples), ""),
             ("t", self.span, "s"),
             ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
@@ -220,11 +222,11 @@ class Scene(Sampled):
     @property
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
-        return self.motion.given.sequence
+        return self.motion.source.sequence
 
     def beside(self, level: int) -> tuple[str, ...]:
-        """Return those of SCENE_OUTPUTS that there are in space or in the plane, up to a derivative."""
-        names = SCENE_OUTPUTS if self.kind == SPATIAL else COORDINATE_OUTPUTS
+        """Return the additional output names that exist in space or in the plane, up to a derivative order."""
+        names = ADDITIONAL_SCENE_OUTPUT_NAMES if self.kind == SPATIAL else COORDINATE_OUTPUT_NAMES
         return tuple(name for name in names if _output_level(name) <= level)
 
     @property
@@ -244,18 +246,18 @@ class Scene(Sampled):
         return self.functions().expressions()
 
     def functions(self) -> FunctionsOfTime:
-        """Return the coordinates as functions of t.
+        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        from hingepair.scenes.expression_motion import ByFunctions
+        from hingepair.scenes.expression_motion import MotionByFunctions
 
-        given = self.motion.given
-        if not isinstance(given, ByFunctions):
+        source = self.motion.source
+        if not isinstance(source, MotionByFunctions):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return given.functions
+        return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
         """Compute the coordinates and their exact derivatives at any instants.
@@ -274,7 +276,7 @@ class Scene(Sampled):
         return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute the pair's state at the scene's instants.
+        """Compute the pair's state at the scene's instants; return a SceneResult.
 
         Args:
             outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
@@ -286,19 +288,19 @@ class Scene(Sampled):
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._part(slice(len(self.times())), self._names(outputs))
+        return self._evaluate_rows(slice(len(self.times())), self._check_outputs(outputs))
 
     def sampled(self, most: int, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute the pair's state at a limited number of instants, evenly spread.
+        """Compute the pair's state at `most` instants at most, evenly spread; return a SceneResult.
 
         Args:
             most: how many.
             outputs: as for `evaluate`.
         """
-        return self._part(self.spread(most), self._names(outputs), self.motion.level)
+        return self._evaluate_rows(self.spread(most), self._check_outputs(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
-        """Compute the pair's state in pieces of 131,072 instants, for motions longer than memory.
+        """Yield a SceneResult for each 131,072 instants in turn, for motions longer than memory.
 
         The motion that a piece comes from, `known`, has rates where the scene has any.
 
@@ -308,24 +310,24 @@ class Scene(Sampled):
         Raises:
             ArgumentError: as for `evaluate`, but for the number of instants.
         """
-        names = self._names(outputs)
+        names = self._check_outputs(outputs)
         for rows in self.block_rows():
-            yield self._part(rows, names, min(self.motion.level, VELOCITY))
+            yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
 
-    def _part(self, rows: Rows, names: tuple[str, ...] | None, least: int = 0) -> SceneResult:
-        """Compute the state at some instants; derivatives up to the order `least` are kept beside it."""
+    def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
+        """Return the result at the instants `rows`; its known motion has derivatives up to `min_order` at least."""
         t = np.asarray(read_only(self.motion.t[rows]))
-        own, order = self._needs(names)
-        known = self.motion.given.part(rows, max(order, least))
-        if own == ():
+        state_outputs, order = self._needed_outputs_and_order(names)
+        known_motion = self.motion.source.part(rows, max(order, min_order))
+        if state_outputs == ():
             state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
         else:
-            state = known.part(slice(None), order).forward_kinematics(self.pair, own, self.backend)
+            state = known_motion.part(slice(None), order).forward_kinematics(self.pair, state_outputs, self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
-        return SceneResult(t, state, self, known, names, first)
+        return SceneResult(t, state, self, known_motion, names, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
-        """Return what `evaluate` computes and what it leaves out, and why; print it.
+        """Return a ScenePlan, whose text says what `evaluate` computes, what it leaves out, and why.
 
         Args:
             outputs: as for `evaluate`.
@@ -333,11 +335,11 @@ class Scene(Sampled):
         Raises:
             ArgumentError: as for `evaluate`.
         """
-        own, order = self._needs(self._names(outputs))
-        return explain(self.pair, self.motion.given.part(slice(1), order), own, self.motion.level)
+        state_outputs, order = self._needed_outputs_and_order(self._check_outputs(outputs))
+        return explain(self.pair, self.motion.source.part(slice(1), order), state_outputs, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
-        """Compute the motion of body 2 by the equations and by Pinocchio, and compare.
+        """Compare the equations of body 2's motion with Pinocchio; return a CrossValidation.
 
         Of a motion by [dynamics] the loads are compared with the forces that the motion takes by Pinocchio's `rnea`,
         as far as loads alone give them, and the rates with the slopes of what they are the rates of. A note says
@@ -353,14 +355,14 @@ class Scene(Sampled):
             MissingDependencyError: Pinocchio is not installed.
         """
         rows = slice(len(self.times())) if most is None else self.spread(most)
-        report = self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
+        report = self.motion.source.part(rows, self.motion.level).cross_validate(self.pair)
         report = replace(report, notes=self._error_notes(report.u))
         motion = self.motion.simulated
         if motion is None:
             return report
         from hingepair.validation.simulated import compare_forces, compare_rates
 
-        whole, flat = self.motion.given.part(slice(None), ACCELERATION).in_space(self.pair), self.kind == PLANAR
+        whole, flat = self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair), self.kind == PLANAR
         part = whole.part(rows, ACCELERATION)
         loads = {name: load[rows] for name, load in motion.loads.items()}
         forces = compare_forces(
@@ -371,7 +373,7 @@ class Scene(Sampled):
         return replace(report, forces=forces, rates=rates)
 
     def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return a sentence on errors of the motion that are above the bound of a comparison, or not known."""
+        """Return sentences on errors of the motion that are unknown or exceed the comparison's bound; u: roundoff."""
         from hingepair.pair.accuracy import PINOCCHIO_BOUND
 
         estimates = {unit: error() for unit, error in self.motion.errors.items()}
@@ -386,7 +388,7 @@ class Scene(Sampled):
         return tuple(notes)
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute what acts for the pair to move as the scene says (D1-D5), at the scene's instants.
+        """Compute the forces that the scene's motion requires (D1-D5), at its instants; return SceneForces.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). Unless given, that
@@ -412,58 +414,60 @@ class Scene(Sampled):
         return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences that a reader of the results should see: psi past its limits, kinks, doubtful units."""
-        notes = self.collected_notes()
+        """Return sentences for readers of the results: on psi past its limits, kinks and doubtful units."""
+        notes = self.note_collector()
         for part in self.blocks(("psi",)):
             notes.add(part)
         return notes.sentences()
 
-    def collected_notes(self) -> Notes:
+    def note_collector(self) -> SceneNotes:
         """Return what gathers the notes from pieces of the motion."""
-        return Notes(self)
+        return SceneNotes(self)
 
-    def _names(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the outputs that are asked for, all of which the motion has; None for all about body 2."""
+    def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
+        """Return the outputs as a tuple; refuse one that the motion does not have. None means those of the file."""
         if outputs is None:
             return self.outputs
-        names, level = check_outputs(outputs, (*self.kind.levels, *SCENE_OUTPUTS)), self.motion.level
-        known = *(name for name in self.kind.levels if _output_level(name) <= level), *self.beside(level)
+        names, level = check_outputs(outputs, (*self.kind.levels, *ADDITIONAL_SCENE_OUTPUT_NAMES)), self.motion.level
+        known_names = *(name for name in self.kind.levels if _output_level(name) <= level), *self.beside(level)
         for name in names:
-            if name not in known:
+            if name not in known_names:
                 hint = self.motion.hint if _output_level(name) > level else ""
-                raise ArgumentError("outputs", choices(known) + hint, quoted(name))
+                raise ArgumentError("outputs", choices(known_names) + hint, quoted(name))
         return names
 
-    def _needs(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return the outputs of the equations that are needed, and the order of derivatives that all outputs need."""
+    def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
+        """Return the equations' outputs that the names need (None: all), and the derivative order they need."""
         if names is None:
             return None, self.motion.level
-        own = (_QUATERNION_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
-        return tuple(dict.fromkeys(own)), max(map(_output_level, names))
+        equation_outputs = (
+            _ATTITUDE_BY_QUATERNION_OUTPUT.get(name, name) for name in names if name not in COORDINATE_OUTPUT_NAMES
+        )
+        return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
 
 
-class Notes:
-    """Collector of the notes on a motion that is evaluated in pieces."""
+class SceneNotes:
+    """Collector of notes on a pair's scene that is evaluated in blocks: limits, kinks, doubtful units."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         rate = scene.space.rate_limit if scene.motion.level else None
-        self._psi = LimitWatch("psi", scene.space.limits or (-math.inf, math.inf), unit_of("psi"))
-        self._psid = None if rate is None else LimitWatch("psi'", (-rate, rate), unit_of("psid"))
+        self._psi = LimitCounter("psi", scene.space.limits or (-math.inf, math.inf), unit_of("psi"))
+        self._psid = None if rate is None else LimitCounter("psi'", (-rate, rate), unit_of("psid"))
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
-        """Look at one piece."""
-        self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
+        """Update the counts of passed limits and of kinks with one block of results."""
+        self._kinks += self._scene.motion.count_kinks(part.first, part.first + len(part.t))
         self._psi.add(part.t, part.known.psi)
         if self._psid is not None:
             self._psid.add(part.t, part.known.hinge_angle(1))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes."""
+        """Return the notes on all blocks that were added, as sentences."""
         motion, samples = self._scene.motion, self._scene.samples
         least, most = self._psi.least, self._psi.most
-        found = [
+        sentences = [
             *constant_suspicions("limits of psi", self._scene.space.limits or ()),
             *constant_suspicions("psi", (most,) * (least == most)),
             *self._psi.sentences(samples),
@@ -471,13 +475,13 @@ class Notes:
             *kink_sentences(self._kinks),
         ]
         if soft := describe_stop_overrun(motion.stops, least, most):
-            found.append(f"{soft}; stop_stiffness hardens them")
-        found += motion.notes
-        return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
+            sentences.append(f"{soft}; stop_stiffness hardens them")
+        sentences += motion.notes
+        return (*sentences, motion.doubt) if math.isnan(motion.error_estimate) else tuple(sentences)
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a scene from a TOML file, of a pair or of a whole mechanism; docs/scenes.md describes the format.
+    """Return the Scene of a pair, or the MechanismScene, that a TOML file describes; its format: docs/scenes.md.
 
     Raises:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.
@@ -487,7 +491,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
 
 
 def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Return the scene of tables such as `load_tables` returns; files are relative to the path's folder.
+    """Return the Scene or MechanismScene that tables of a file describe; paths in them are relative to its folder.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -508,11 +512,11 @@ def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismSc
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         outputs.fail("names", 'a list of names such as ["R2", "v2"]')
     with outputs.naming("names"):
-        return replace(scene, outputs=scene._names(names))
+        return replace(scene, outputs=scene._check_outputs(names))
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """Read the pair of a scene file, which needs no motion.
+    """Return the pair of a scene file, which needs no motion.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -521,7 +525,7 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
-    """Read the mechanism of a scene file, which needs no motion; None where the scene is that of a pair.
+    """Return the Mechanism of a scene file, which needs no motion; None where the scene is that of a pair.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -534,20 +538,20 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
     return read_mechanism(tables, Path(path).parent)
 
 
-def load_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
-    """Read the table [dynamics] of a scene file without simulating it; None where there is none.
+def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
+    """Return the DynamicsSetup of a scene file's table [dynamics], not simulated; None where there is none.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
-    from hingepair.scenes.simulated_motion import read_setup
+    from hingepair.scenes.simulated_motion import read_dynamics_setup
 
     tables = load_tables(path)
-    return read_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
+    return read_dynamics_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Read the tables of a scene file, with its constants.
+    """Return the tables of a scene file, with its constants evaluated.
 
     Raises:
         SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
@@ -556,7 +560,7 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def with_constants(tables: Table) -> Table:
-    """Return the tables of a scene with its constants, checked.
+    """Return the tables with `constants` evaluated from [motion.constants]; refuse unknown tables.
 
     Raises:
         SceneError: an unknown table, or a constant that is none; names it.
@@ -572,7 +576,7 @@ def with_constants(tables: Table) -> Table:
         tables.check_keys((*_PAIR_SCENE_KEYS, "mechanism", "joint"))
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
-    known: dict[str, Any] = {}
+    value_by_name: dict[str, Any] = {}
     for key, value in constants.values.items():
         from hingepair.symbolic.expressions import constant_name_fault, parse_constant
 
@@ -580,8 +584,10 @@ def with_constants(tables: Table) -> Table:
         if fault:
             constants.refuse(key, fault, quoted(key))
         with constants.naming(key):
-            known[key] = parse_constant(key, value, known) if isinstance(value, str) else constants.number(key)
-    return replace(tables, constants=known)
+            value_by_name[key] = (
+                parse_constant(key, value, value_by_name) if isinstance(value, str) else constants.number(key)
+            )
+    return replace(tables, constants=value_by_name)
 
 
 def _is_of_mechanism(tables: Table) -> bool:
@@ -596,13 +602,13 @@ def _read_pair(tables: Table) -> HingePair | PlanarPair:
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Read the motion of the tables [motion], [dynamics] and [time]; files are relative to the folder."""
+    """Return the Motion that [motion], [dynamics] and [time] describe; a log's path is relative to `folder`."""
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
-        from hingepair.scenes.simulated_motion import read_dynamics
+        from hingepair.scenes.simulated_motion import read_simulated_motion
 
-        own = tables.table("motion", required=False)
-        return read_dynamics(tables.table("dynamics"), own, tables.table("time"), pair)
+        motion_table = tables.table("motion", required=False)
+        return read_simulated_motion(tables.table("dynamics"), motion_table, tables.table("time"), pair)
     motion = tables.table("motion")
     if "file" not in motion.values:
         if "psi_dot" in motion.values and "omega1" not in motion.values:
@@ -620,7 +626,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that a scene is read from: its own, and its URDF file and its log where it has them.
+    """Return the paths of the files that a scene is read from: its own, and those of its URDF file and its log.
 
     Raises:
         SceneError: the file cannot be read.
@@ -636,4 +642,4 @@ def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
 
 def _output_level(output: str) -> int:
     """Return the order of the derivatives that an output needs."""
-    return _SCENE_OUTPUT_LEVELS.get(output.rstrip("12"), POSE)
+    return _DERIVATIVE_ORDER_BY_SCENE_OUTPUT.get(output.rstrip("12"), POSE)

@@ -32,7 +32,7 @@ from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.scenes.mechanisms.mechanism_table import with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.pair_table import BODY_KEYS, made
+from hingepair.scenes.pair_table import BODY_KEY_READERS, made
 from hingepair.scenes.tables import Table
 
 _MAX_MASS_PROPERTY: Final = 1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
@@ -260,6 +260,6 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
-    values = table.read(BODY_KEYS, ("mass",))
+    values = table.read(BODY_KEY_READERS, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(made(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied)

@@ -219,7 +219,7 @@ def study_tolerances(
         raise SceneError(f"{scene.path}: tolerances", expected, "none")
     rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, _MAX_INSTANTS)).astype(np.intp))
     pair, t = scene.space, np.asarray(scene.motion.t[rows])
-    moved = scene.motion.given.part(rows, POSE).in_space(scene.pair)
+    moved = scene.motion.source.part(rows, POSE).in_space(scene.pair)
     body1, psi = BodyMotion(R=moved.body1.R, S=moved.body1.S), moved.psi
     linear = pair.propagate_covariance(body1, psi, **tolerances)
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)

@@ -19,7 +19,13 @@ from hingepair.scenes.forces import pair_scene_forces
 from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
-from hingepair.scenes.scene import COORDINATE_OUTPUTS, SCENE_OUTPUTS, Scene, scene_of, with_constants
+from hingepair.scenes.scene import (
+    ADDITIONAL_SCENE_OUTPUT_NAMES,
+    COORDINATE_OUTPUT_NAMES,
+    Scene,
+    scene_of,
+    with_constants,
+)
 from hingepair.scenes.tables import Key, Table, numbers_key
 from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_computer
 
@@ -116,19 +122,19 @@ class VariantComputer:
         self._unloaded_robot: Mechanism | None = None  # the robot without payload, where nothing else is varied
         if self._motion_unaffected and isinstance(self._scene, Scene):
             motion = self._scene.motion
-            coordinates, sequence = motion.given, self._scene.sequence
-            if sequence is not None and self._outputs and not {*COORDINATE_OUTPUTS[:3]} & {*self._outputs}:
+            coordinates, sequence = motion.source, self._scene.sequence
+            if sequence is not None and self._outputs and not {*COORDINATE_OUTPUT_NAMES[:3]} & {*self._outputs}:
                 coordinates = coordinates.part(slice(None), motion.level).in_space(self._scene.pair)
                 sequence = None
             self._scene = replace(
-                self._scene, motion=replace(motion, given=CachedMotion(coordinates, motion.level, sequence))
+                self._scene, motion=replace(motion, source=CachedMotion(coordinates, motion.level, sequence))
             )
             pair = _evaluate_unvaried_expressions(self._scene.tables.table("pair"), keys)
             self._tables = replace(self._tables, values={**values, "pair": pair})
         elif self._motion_unaffected and isinstance(self._scene, MechanismScene):
             joints = self._scene.joint_motion
             self._scene = replace(
-                self._scene, joint_motion=replace(joints, given=CachedMotion(joints.given, joints.level))
+                self._scene, joint_motion=replace(joints, source=CachedMotion(joints.source, joints.level))
             )
             if all(steps[:2] == ("mechanism", "payload") for steps in keys):
                 table = self._tables.table("mechanism")
@@ -217,7 +223,7 @@ def _compute_pair_outputs(
     """Return instants [s] and outputs by name, forces included; None for `outputs` means all of the motion."""
     force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
     motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
-    known = (*scene.kind.levels, *SCENE_OUTPUTS, *PAIR_FORCE_OUTPUT_NAMES)
+    known = (*scene.kind.levels, *ADDITIONAL_SCENE_OUTPUT_NAMES, *PAIR_FORCE_OUTPUT_NAMES)
     for name in outputs or ():
         if name not in known:
             raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))

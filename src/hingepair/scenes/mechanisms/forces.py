@@ -15,17 +15,16 @@ from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
-from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
-from hingepair.scenes.logged_motion import ORDER
-from hingepair.scenes.mechanisms.joint_motion import RATES, KnownJoints
+from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_RATIO, LogNoise, finite_rms, noise_rows
+from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
+from hingepair.scenes.mechanisms.joint_motion import DERIVATIVE_SUFFIXES, KnownJointMotion
+from hingepair.scenes.motion import non_finite_sentences
 
 _FORCE_TABLE_HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
     *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
 )
 """Headings of the table of joint forces: torques against their limits, then positions and rates."""
-_MIN_NOISE_SHARE = 0.01
-"""Share of a torque's rms from which smoothing is recommended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +105,8 @@ class MechanismSceneForces(Record):
         return Sheet(f"{self.described}: {len(self.t)} instants", load_rows(self.loads), self.notes)
 
 
-class JointNoise(NamedTuple):
-    """Data of a log from which its noise is estimated.
+class JointLogNoise(NamedTuple):
+    """Joint samples of a log, from which the noise of the log and its effect on torques are estimated.
 
     Attributes:
         robot: the mechanism.
@@ -119,12 +118,12 @@ class JointNoise(NamedTuple):
 
     robot: Mechanism
     t: Float64Array
-    middle: KnownJoints
+    middle: KnownJointMotion
     moving: tuple[str, ...]
     derived: tuple[str, ...]
 
-    def of_torques(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
-        """Compute the standard deviations that the noise of the log causes in the torques, and a note on the noise.
+    def torque_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
+        """Return the standard deviation that noise of the log causes in each joint torque, and a note on it.
 
         Args:
             gravity: acceleration of free fall [m/s^2]; shape (3,).
@@ -134,13 +133,13 @@ class JointNoise(NamedTuple):
             The standard deviations, shape (dof,), and the note.
         """
         rows = noise_rows(len(self.t))
-        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, ORDER)
+        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, FINITE_DIFFERENCE_ORDER)
         derivatives = [list(values) for values in self.middle.derivatives]
         units: dict[str, str] = {}
         for column, joint in enumerate(self.robot.tree.coordinates):
             if joint.name not in self.moving:
                 continue
-            names = tuple(joint.name + rate for rate in RATES)
+            names = tuple(joint.name + rate for rate in DERIVATIVE_SUFFIXES)
             length = "rad" if joint.kind == "hinge" else "m"
             units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(self.middle.column(order, column) for order in range(len(names)))
@@ -149,50 +148,52 @@ class JointNoise(NamedTuple):
         noisy = replace(self.middle, derivatives=tuple(map(tuple, derivatives)))
         base = self.middle.base
         acting = self.robot.inverse_dynamics(*noisy.arguments(), gravity=gravity, base_motion=base, outputs=("tau",))
-        change = (np.asarray(acting.tau, np.float64) - tau[rows])[ORDER // 2 : -(ORDER // 2)]
+        change = (np.asarray(acting.tau, np.float64) - tau[rows])[
+            FINITE_DIFFERENCE_ORDER // 2 : -(FINITE_DIFFERENCE_ORDER // 2)
+        ]
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
         note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-        if (noise > _MIN_NOISE_SHARE * finite_rms(tau)).any():
+        if (noise > SMOOTHING_HINT_NOISE_RATIO * finite_rms(tau)).any():
             note += "; hp.smooth(t, q) finds the rates of a noisy column"
         return noise, note
 
 
 def mechanism_scene_forces(
     robot: Mechanism,
-    known: KnownJoints,
+    known_motion: KnownJointMotion,
     gravity: tuple[float, ...],
     record: Mapping[str, Any],
-    noise: JointNoise | None,
+    noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
-    """Compute what acts for a mechanism to move as its scene says; `MechanismScene.forces` has the words.
+    """Return the MechanismSceneForces of a motion; `record` has the arguments of a Record, `noise` a log's data.
 
     Args:
         robot: the mechanism.
-        known: its motion, with accelerations.
+        known_motion: its motion, with accelerations.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
         record: t, and the arguments described, inputs and unit of a `Record`.
         noise: of a log, what its noise is estimated from.
     """
     t: Float64Array = record["t"]
-    acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base)
+    acting = robot.inverse_dynamics(*known_motion.arguments(), gravity=gravity, base_motion=known_motion.base)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
-    deviations, sentences = np.full(robot.dof, math.nan), list(_not_finite_note(arrays))
-    if noise is not None and len(t) > ORDER:
-        deviations, sentence = noise.of_torques(gravity, tau)
+    deviations, sentences = np.full(robot.dof, math.nan), list(non_finite_sentences(arrays))
+    if noise is not None and len(t) > FINITE_DIFFERENCE_ORDER:
+        deviations, sentence = noise.torque_deviations(gravity, tau)
         sentences.append(sentence)
     loads = tuple(
-        _joint_load(joint, i, t, known, tau[:, i], float(deviations[i]))
+        _summarize_joint(joint, i, t, known_motion, tau[:, i], float(deviations[i]))
         for i, joint in enumerate(robot.tree.coordinates)
     )
-    notes = (*sentences, *(sentence for load in loads for sentence in _beyond(load, len(t))))
+    notes = (*sentences, *(sentence for load in loads for sentence in _effort_limit_sentences(load, len(t))))
     return MechanismSceneForces(arrays=arrays, tau=tau, gravity=gravity, loads=loads, notes=notes, **record)
 
 
 def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
-    """Return the heading and the rows of a table of loads beside limits; a limit that is none is empty."""
+    """Return the rows of a table of joint loads, headings first, as text; an infinite limit is an empty cell."""
     logged = any(math.isfinite(load.noise) for load in loads)
     rows: list[tuple[str, ...]] = [(*_FORCE_TABLE_HEADINGS, "by noise") if logged else _FORCE_TABLE_HEADINGS]
     for load in loads:
@@ -215,17 +216,17 @@ def _limit_text(value: float) -> str:
     return cell_text(value) if math.isfinite(value) else ""
 
 
-def _joint_load(
-    joint: Joint, column: int, t: Float64Array, known: KnownJoints, tau: Float64Array, noise: float
+def _summarize_joint(
+    joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
-    """Return what the motion takes of a joint; of instants that are finite."""
+    """Return the JointLoad of one joint: extremes of its finite torques, positions and rates, beside its limits."""
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
     if finite.any():
-        at = int(np.where(finite, np.abs(tau), -1.0).argmax())
-        largest, when = float(abs(tau[at])), float(t[at])
+        largest_index = int(np.where(finite, np.abs(tau), -1.0).argmax())
+        largest, when = float(abs(tau[largest_index])), float(t[largest_index])
     beyond = np.flatnonzero(np.abs(tau) > joint.effort_limit)
-    q, qd = known.column(0, column), np.abs(known.column(1, column))
+    q, qd = known_motion.column(0, joint_index), np.abs(known_motion.column(1, joint_index))
     return JointLoad(
         joint.name,
         joint.kind,
@@ -243,18 +244,10 @@ def _joint_load(
     )
 
 
-def _not_finite_note(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield a sentence on instants whose forces are not finite, if there are any."""
-    finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
-    lost = int((~np.logical_and.reduce(finite)).sum())
-    if lost:
-        yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
-
-
-def _beyond(load: JointLoad, samples: int) -> Iterator[str]:
-    """Yield a sentence on instants at which a joint takes more than its motor gives, if there are any."""
+def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
+    """Yield one sentence if a joint requires more than its effort limit at some instants; else nothing."""
     if load.beyond:
         yield (
             f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "
-            f"at {load.beyond} of {samples} instants, first at t = {instant_text(load.t_of_first)} s"
+            f"at {load.beyond} of {instant_count} instants, first at t = {instant_text(load.t_of_first)} s"
         )

@@ -21,20 +21,20 @@ from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATES
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Instants, Rows, read_instants
-from hingepair.scenes.known_motion import ByCoordinates, Derivatives
-from hingepair.scenes.logged_motion import Layout, Log, log_file
+from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
+from hingepair.scenes.logged_motion import Log, LogLayout, log_path
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
 
-RATES: Final = ("", "d", "dd")
+DERIVATIVE_SUFFIXES: Final = ("", "d", "dd")
 """What is behind a joint's name in the columns of a log, by the order of the derivative."""
-BASE_KEYS: Final = COORDINATES[:-1]
+BASE_COORDINATE_KEYS: Final = COORDINATES[:-1]
 """The coordinates of the base, in the table [base]."""
-_JOINT_OPTION_KEYS: Final = ("constants", "file", "differentiate", "unwrap")
+_MOTION_OPTION_KEYS: Final = ("constants", "file", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
-_CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_PLACEHOLDER_PAIR: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
 
 
@@ -53,8 +53,8 @@ class JointCoordinates(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownJoints:
-    """The coordinates of a mechanism and the motion of its base at some instants.
+class KnownJointMotion:
+    """Coordinates of a mechanism, their known derivatives and the motion of its base, at some instants.
 
     Attributes:
         names: of the joints, in order.
@@ -84,7 +84,7 @@ class KnownJoints:
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
     def arguments(self) -> tuple[Any, ...]:
-        """Return q, and as far as known qd and qdd, as a Mechanism takes them: numbers are known constants."""
+        """Return (q[, qd[, qdd]]) for methods of Mechanism: dicts by joint name; a float is a known constant."""
         if not self.names:
             return tuple(np.zeros((self.count, 0)) for _ in self.derivatives)
         rows = [dict(zip(self.names, values, strict=True)) for values in self.derivatives]
@@ -93,8 +93,8 @@ class KnownJoints:
         return tuple(rows)
 
 
-class GivenJoints(Protocol):
-    """Coordinates of joints at all instants, of which it gives some."""
+class JointMotionSource(Protocol):
+    """Protocol of the joint coordinates at all instants of a scene; `part` returns them at some of these."""
 
     @property
     def level(self) -> int:
@@ -106,7 +106,7 @@ class GivenJoints(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Coordinates of joints as functions of t, at any instants.
+    """Joint coordinates as functions of t at a scene's instants; joints without a function rest.
 
     Attributes:
         t: instants [s].
@@ -122,19 +122,19 @@ class JointFunctions:
     level: int = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Compute the coordinates at some of the instants, with derivatives up to an order."""
+        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, one entry per joint each."""
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
         derivatives = []
         for k, values in enumerate(moved):
             rest = self.rests if k == 0 else dict.fromkeys(self.rests, 0.0)
-            known = {**rest, **dict(zip(self.functions.names, values, strict=True))}
-            derivatives.append(tuple(known[name] for name in self.names))
+            values_by_joint = {**rest, **dict(zip(self.functions.names, values, strict=True))}
+            derivatives.append(tuple(values_by_joint[name] for name in self.names))
         return tuple(derivatives)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Coordinates of joints as a log has them.
+    """Joint coordinates at the instants of a log, with the derivatives that are known.
 
     Attributes:
         derivatives: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change.
@@ -148,7 +148,7 @@ class JointSamples:
         return len(self.derivatives) - 1
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return the coordinates at some of the instants, with derivatives up to an order."""
+        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, one entry per joint each."""
         return tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]
@@ -157,7 +157,7 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """The motion of the base by its position and Euler angles.
+    """Motion of a mechanism's base by functions of t for its position and Euler angles.
 
     Attributes:
         functions: of x, y, z, phi_x, phi_y, phi_z [m, rad].
@@ -170,16 +170,16 @@ class BaseMotion:
     def at(self, t: Float64Array, order: int) -> BodyMotion:
         """Compute the motion of the base at instants, with derivatives up to an order; shape (N,)."""
         rows = tuple((*row, 0.0) for row in self.functions.derivatives(t, order))
-        return ByCoordinates(t.size, rows, self.sequence).in_space(_CARRIER).body1
+        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_PLACEHOLDER_PAIR).body1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """The motion of a mechanism at instants, and what a reader of it should know.
+    """Motion of a mechanism's joints and base at a scene's instants, with its origin and notes for reports.
 
     Attributes:
         t: instants [s].
-        given: the coordinates of the joints at all of them.
+        source: the coordinates of the joints at all of them.
         base: motion of the base; None where it rests at the origin.
         moving: names of the joints that the scene moves.
         origin: where the motion comes from, in words.
@@ -191,7 +191,7 @@ class JointMotion:
     """
 
     t: Instants
-    given: GivenJoints
+    source: JointMotionSource
     base: BaseMotion | None
     moving: tuple[str, ...]
     origin: str
@@ -203,16 +203,16 @@ class JointMotion:
     @property
     def level(self) -> int:
         """The highest derivative that there is."""
-        return self.given.level
+        return self.source.level
 
-    def part(self, names: tuple[str, ...], rows: Rows, order: int) -> KnownJoints:
-        """Return the motion at some of the instants, with derivatives up to an order."""
+    def part(self, names: tuple[str, ...], rows: Rows, order: int) -> KnownJointMotion:
+        """Return the KnownJointMotion at the instants with the indices `rows`; `names` are all joints in order."""
         t = np.asarray(self.t[rows])
         base = None if self.base is None else self.base.at(t, order)
-        return KnownJoints(names, t.size, self.given.part(rows, order), base)
+        return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
 
-    def kinks(self, start: int, stop: int) -> int:
-        """Return the number of intervals that end at these instants and hold a kink or a jump of a function of t."""
+    def count_kinks(self, start: int, stop: int) -> int:
+        """Count the intervals that end at the instants start to stop - 1 and hold a kink of a function of t."""
         t = self.t[max(start - 1, 0) : stop]
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for functions in self.functions:
@@ -221,33 +221,33 @@ class JointMotion:
 
 
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
-    """Read the motion of the tables [motion], [base] and [time]; files are relative to the folder."""
+    """Return the JointMotion of the tables [motion], [base] and [time]; a log's path is relative to `folder`."""
     motion, base = tables.table("motion"), _read_base(tables)
     _check_joint_names(motion, robot)
-    of_base = (base.functions,) if base else ()
+    base_functions = (base.functions,) if base else ()
     if "file" in motion.values:
         if "time" in tables.values:
             tables.fail("time", "no such table beside motion.file, whose column t has the instants")
-        return replace(_read_log(motion, folder, robot, base), functions=of_base)
+        return replace(_read_joint_log(motion, folder, robot, base), functions=base_functions)
     for key in ("differentiate", "unwrap"):
         if key in motion.values:
             motion.fail(key, "file = ... beside it, whose samples it is about, or no such key")
     from hingepair.scenes.expression_motion import read_functions
 
-    moving = _moving(motion, robot)
+    moving = _moving_joints(motion, robot)
     functions = read_functions(motion, moving)
     t = read_instants(tables.table("time"))
-    given = JointFunctions(t, functions, _rests(robot), robot.names)
-    return JointMotion(t, given, base, moving, "functions of t", functions=(functions, *of_base))
+    source = JointFunctions(t, functions, _rests(robot), robot.names)
+    return JointMotion(t, source, base, moving, "functions of t", functions=(functions, *base_functions))
 
 
 def _check_joint_names(motion: Table, robot: Mechanism) -> None:
-    """Refuse joints whose names are keys of [motion], or whose columns in a file are those of others."""
+    """Refuse a joint that is named like an option of [motion], or whose log columns are those of another joint."""
     columns = {"t": "the instants"}
     for name in robot.names:
-        if name in _JOINT_OPTION_KEYS:
+        if name in _MOTION_OPTION_KEYS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
-        for ending in RATES:
+        for ending in DERIVATIVE_SUFFIXES:
             column = name + ending
             if column in columns:
                 wanted = f"joints of other names: column {column} of a file holds {columns[column]}"
@@ -256,19 +256,21 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
-    """Read the table [base]; None where there is none."""
+    """Return the BaseMotion of the table [base]; None where the file has no such table."""
     if "base" not in tables.values:
         return None
     table = tables.table("base")
-    table.check_keys((*BASE_KEYS, "sequence"))
+    table.check_keys((*BASE_COORDINATE_KEYS, "sequence"))
     from hingepair.scenes.expression_motion import read_functions
 
-    given = replace(table, values=dict.fromkeys(BASE_KEYS, 0) | table.values)
-    return BaseMotion(read_functions(given, BASE_KEYS), table.choice("sequence", SEQUENCES, "XYZ"))
+    completed_table = replace(table, values=dict.fromkeys(BASE_COORDINATE_KEYS, 0) | table.values)
+    return BaseMotion(
+        read_functions(completed_table, BASE_COORDINATE_KEYS), table.choice("sequence", SEQUENCES, "XYZ")
+    )
 
 
-def _moving(motion: Table, robot: Mechanism) -> tuple[str, ...]:
-    """Return the joints that [motion] moves, in the robot's order; refuse keys that are none."""
+def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
+    """Return the names of the joints that are keys of [motion], in the robot's order; refuse other keys."""
     for key in motion.values:
         if key not in robot.names and key != "constants":
             _refuse_joint(motion, key, robot)
@@ -276,7 +278,7 @@ def _moving(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 
 def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
-    """Refuse a key of [motion] that is no joint which moves by itself, and say why it is none."""
+    """Raise a SceneError for a key of [motion] that is no movable joint; the message says why it is none."""
     joints = robot.tree.joints
     for joint in joints:
         if joint.name == key and joint.mimic is not None:
@@ -286,9 +288,9 @@ def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
         motion.refuse(
             key, f"a joint that moves, {choices(robot.names)}", "a link, or a joint that is fixed or locked"
         )
-    known = (*robot.names, "file", "constants")
+    known_keys = (*robot.names, "file", "constants")
     expected = choices(robot.names) if robot.names else "no joint, since none moves"
-    motion.refuse(key, expected + nearest(key, known), f"{quoted(key)}, which is no joint of {robot.name}")
+    motion.refuse(key, expected + nearest(key, known_keys), f"{quoted(key)}, which is no joint of {robot.name}")
 
 
 def _rests(robot: Mechanism) -> dict[str, float]:
@@ -297,21 +299,21 @@ def _rests(robot: Mechanism) -> dict[str, float]:
     return {name: min(max(0.0, least), most) for name, (least, most) in zip(robot.names, limits, strict=True)}
 
 
-def _read_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
-    """Read a log with a column a joint, by the joint's name, and its rates behind d and dd."""
+def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
+    """Return the JointMotion of a log whose columns are joint names, with d and dd behind the name for rates."""
     completed = table.flag("differentiate")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and not completed:
         wanted = "differentiate = true beside it, or no such key: it decides how angles are differentiated"
         table.fail("unwrap", wanted)
-    table.check_keys(_JOINT_OPTION_KEYS)
-    log = Log(log_file(table, folder), _layout(robot), completed, unwrap)
+    table.check_keys(_MOTION_OPTION_KEYS)
+    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap)
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
-        names = tuple(joint + ending for ending in RATES)
-        there = [name for name in names if name in log.columns]
-        if there:
-            part = log.part(names)
+        names = tuple(joint + ending for ending in DERIVATIVE_SUFFIXES)
+        present_names = [name for name in names if name in log.columns]
+        if present_names:
+            part = log.quantity_and_rates(names)
             parts[joint] = [part[name] for name in names if name in part]
             if names[2] in part and names[1] not in part:
                 log.refuse(names[1], f"a column beside {names[2]}", "no such column")
@@ -323,28 +325,30 @@ def _read_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | N
     for joint, columns in parts.items():
         if len(columns) <= level:
             wanted = "a column, beside rates of other joints (or differentiate = true)"
-            log.refuse(joint + RATES[len(columns)], wanted, "no such column")
-    derived = tuple(joint + rate for joint in parts for rate in RATES[1:] if joint + rate in log.derived)
+            log.refuse(joint + DERIVATIVE_SUFFIXES[len(columns)], wanted, "no such column")
+    derived = tuple(
+        joint + rate for joint in parts for rate in DERIVATIVE_SUFFIXES[1:] if joint + rate in log.derived
+    )
     rests = _rests(robot)
     rows = tuple(
         tuple(_plain(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
         for k in range(level + 1)
     )
-    notes = [*log.notes, *filter(None, [log.lacking_errors()])]
+    notes = [*log.notes, *filter(None, [log.unknown_error_note()])]
     origin = "samples in a file" + ", rates by finite differences" * bool(derived)
     hint = log.hint
     return JointMotion(log.t, JointSamples(rows), base, tuple(parts), origin, hint, (), tuple(notes), derived)
 
 
-def _layout(robot: Mechanism) -> Layout:
-    """Return what the columns of a log of a robot may be."""
+def _joint_log_layout(robot: Mechanism) -> LogLayout:
+    """Return the LogLayout of a robot's log: q, qd and qdd of each joint; hinges have angles."""
     names = robot.names
-    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in RATES}
+    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in DERIVATIVE_SUFFIXES}
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     angles = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
     written = "run --outputs q,qd,qdd --out FILE writes what is read here"
     results = frozenset({"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
-    return Layout(arrays, columns, angles, results, written)
+    return LogLayout(arrays, columns, angles, results, written)
 
 
 def _plain(column: Float64Array) -> float | Float64Array:

@@ -16,23 +16,23 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.pair_table import BODY_KEYS, PAIR_KEYS, made
-from hingepair.scenes.tables import Key, Place, Table, numbers_key
+from hingepair.scenes.pair_table import BODY_KEY_READERS, PAIR_KEY_READERS, made
+from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
 _ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
-MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
+MECHANISM_TABLE_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """What the table [mechanism] may hold."""
-JOINT_CLASSES: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
+JOINT_CLASS_BY_KIND: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Kinds of joints of [[joint]] tables."""
-JOINT_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEYS if key != "name"))
+JOINT_TABLE_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEY_READERS if key != "name"))
 """What a table [[joint]] may hold."""
-_FRAME_READERS: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
+_FRAME_KEY_READERS: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
 """Keys of a frame and their readers: its link, and its position [m] and attitude in the link."""
 
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
-    """Return the mechanism of the tables [mechanism] and [[joint]], with its frames and payload.
+    """Return the Mechanism of the tables [mechanism] and [[joint]], with its frames and payload.
 
     Args:
         tables: the file's own.
@@ -43,7 +43,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
         MissingDependencyError: the robot is one of example-robot-data, which is not installed.
     """
     table = tables.table("mechanism", required=False)
-    table.check_keys(MECHANISM_KEYS)
+    table.check_keys(MECHANISM_TABLE_KEYS)
     sources = [key for key in _ROBOT_SOURCE_KEYS if key in table.values]
     if "joint" in tables.values:
         for key in (*sources, "locked"):
@@ -55,7 +55,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     base = table.choice("base", BASE_KINDS)
     if base == "free" and "base" not in tables.values:
         table.fail("base", '"fixed", or a table [base] beside it with the motion of a free base')
-    robot = _from_joints(tables, table, base) if "joint" in tables.values else _from_model(table, folder, base)
+    robot = _assemble_joints(tables, table, base) if "joint" in tables.values else _read_robot(table, folder, base)
     return with_payload(_with_frames(robot, table), table)
 
 
@@ -65,8 +65,8 @@ def read_gravity(tables: Table) -> tuple[float, ...] | None:
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
 
 
-def _from_model(table: Table, folder: Path, base: str) -> Mechanism:
-    """Return the robot of a URDF file, or of example-robot-data."""
+def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
+    """Return the Mechanism of the URDF file, or of the robot of example-robot-data, that [mechanism] names."""
     if "name" in table.values:
         table.fail("name", "no such key beside robot or urdf, which have a name")
     held = table.table("locked", required=False)
@@ -83,34 +83,38 @@ def _from_model(table: Table, folder: Path, base: str) -> Mechanism:
         try:
             return Mechanism.from_urdf(file, base, locked)
         except URDFError:
-            with Place(str(file), "").naming(path_or_text="URDF"):
+            with NamedSource(str(file), "").naming(path_or_text="URDF"):
                 raise
 
 
-def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
-    """Return the tree of the joints of [[joint]] tables, which may stand in any order."""
-    given = tables.values["joint"]
-    if not isinstance(given, list) or not given or not all(isinstance(values, dict) for values in given):
+def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
+    """Return the Mechanism made of the [[joint]] tables, which may stand in any order; refuse equal names."""
+    joint_tables = tables.values["joint"]
+    if (
+        not isinstance(joint_tables, list)
+        or not joint_tables
+        or not all(isinstance(values, dict) for values in joint_tables)
+    ):
         tables.fail("joint", "tables [[joint]], one for each joint")
     joints: dict[str, Table] = {}
-    for i, values in enumerate(given):
+    for i, values in enumerate(joint_tables):
         numbered = replace(tables, name=f"joint[{i}]", values=values)
-        numbered.check_keys(JOINT_KEYS)
+        numbered.check_keys(JOINT_TABLE_KEYS)
         name = numbered.text("name")
         if name in joints:
             numbered.refuse("name", "another name for each joint", f"{name!r} twice")
         joints[name] = replace(numbered, name=f"joint.{name}")
-    carriers = {name: _carrier(joint, joints) for name, joint in joints.items()}
-    order = _depth_first(joints, carriers)
+    parents = {name: _parent_joint(joint, joints) for name, joint in joints.items()}
+    order = _depth_first_names(joints, parents)
     pairs = [_read_joint_pair(name, joints[name]) for name in order]
-    above = [0 if carriers[name] is None else 1 + order.index(str(carriers[name])) for name in order]
+    parent_indices = [0 if parents[name] is None else 1 + order.index(str(parents[name])) for name in order]
     title = table.text("name", " ".join(printable(Path(table.file).stem).split()) or "mechanism")
-    with Place(tables.file, "").naming(pairs="joint", parents="joint"):
-        return Mechanism(pairs, above, base, title)
+    with NamedSource(tables.file, "").naming(pairs="joint", parents="joint"):
+        return Mechanism(pairs, parent_indices, base, title)
 
 
-def _carrier(table: Table, joints: Mapping[str, Table]) -> str | None:
-    """Return the joint whose body carries a joint; None where the base does."""
+def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
+    """Return the name of the parent of a [[joint]] table; None if it has none; refuse an unknown name."""
     if "parent" not in table.values:
         return None
     name = table.text("parent")
@@ -120,15 +124,15 @@ def _carrier(table: Table, joints: Mapping[str, Table]) -> str | None:
     return name
 
 
-def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]) -> list[str]:
-    """Return the names of the joints depth-first, siblings by name; refuse a circle."""
+def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
+    """Return the names of the joints depth-first, siblings by name; refuse parents that form a circle."""
     order: list[str] = []
     waiting: list[str | None] = [None]
     while waiting:
-        here = waiting.pop()
-        if here is not None:
-            order.append(here)
-        waiting += sorted((name for name, carrier in carriers.items() if carrier == here), reverse=True)
+        joint = waiting.pop()
+        if joint is not None:
+            order.append(joint)
+        waiting += sorted((name for name, parent in parents.items() if parent == joint), reverse=True)
     for name, table in joints.items():
         if name not in order:
             table.refuse("parent", "joints that lead to the base, one without a parent", f"a circle through {name!r}")
@@ -136,21 +140,23 @@ def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the pair or slider that a [[joint]] table describes."""
-    kind: Any = JOINT_CLASSES[table.choice("kind", tuple(JOINT_CLASSES))]
+    """Return the HingePair or Slider that a [[joint]] table describes."""
+    kind: Any = JOINT_CLASS_BY_KIND[table.choice("kind", tuple(JOINT_CLASS_BY_KIND))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )
-    pair: HingePair | Slider = made(table, kind, {**described.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name})
+    pair: HingePair | Slider = made(
+        table, kind, {**described.read(PAIR_KEY_READERS, ("u1", "u2", "n")), "name": name}
+    )
     return pair
 
 
 def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
-    """Return the mechanism with the frames of [mechanism.frames], which may build on each other in their order."""
+    """Return the Mechanism with the frames of [mechanism.frames], each of which may refer to earlier ones."""
     frames = table.table("frames", required=False)
     for name in frames.values:
         frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_FRAME_READERS, ("link",))
+        values: dict[str, Any] = frame.read(_FRAME_KEY_READERS, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():
@@ -159,14 +165,14 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
 
 
 def with_payload(robot: Mechanism, table: Table) -> Mechanism:
-    """Return the mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
+    """Return the Mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
     payload = table.table("payload", required=False)
     for link in payload.values:
         described = payload.table(link)
         if "link" in described.values:
             meant = f"[mechanism.payload.{described.text('link')}]"
             described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
-        body = made(described, Body, described.read(BODY_KEYS, ("mass",)))
+        body = made(described, Body, described.read(BODY_KEY_READERS, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot

@@ -23,48 +23,52 @@ from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
-from hingepair.scenes.instants import Instants, Rows, Sampled
+from hingepair.scenes.instants import Instants, Rows, SampledScene
 from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS
 from hingepair.scenes.log_noise import noise_rows
-from hingepair.scenes.mechanisms.forces import JointNoise, MechanismSceneForces, mechanism_scene_forces
+from hingepair.scenes.mechanisms.forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
-    RATES,
+    DERIVATIVE_SUFFIXES,
     JointCoordinates,
     JointMotion,
-    KnownJoints,
+    KnownJointMotion,
     read_joint_motion,
 )
 from hingepair.scenes.mechanisms.mechanism_table import read_gravity, read_mechanism
-from hingepair.scenes.motion import LimitWatch, constant_suspicions, kink_sentences
+from hingepair.scenes.motion import LimitCounter, constant_suspicions, kink_sentences
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
     from hingepair.validation.robot_report import RobotValidation
 
-_FRAME_LEVELS: Final = {
+_DERIVATIVE_ORDER_BY_FRAME_QUANTITY: Final = {
     **dict.fromkeys(("R", "S", "quat", "d"), POSE),
     **dict.fromkeys(("v", "omega"), VELOCITY),
     **dict.fromkeys(("a", "alpha"), ACCELERATION),
 }
 """What there is of a frame, by the derivatives that it needs; quat is the quaternion (x, y, z, w) of S, w >= 0."""
-FRAME_QUANTITIES: Final = tuple(_FRAME_LEVELS)
+FRAME_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY)
 """Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
-_OF_A_FRAME: Final = ("R", "S", "v", "omega", "a", "alpha")
+_DEFAULT_FRAME_QUANTITIES: Final = ("R", "S", "v", "omega", "a", "alpha")
 """What is computed of a frame unless it is named."""
-_COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd")
+_JOINT_COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd")
 """Outputs that are coordinates of the joints, and their derivatives by order."""
-_JOINT_OUTPUT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
+_DERIVATIVE_ORDER_BY_JOINT_OUTPUT: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 """Derivatives that outputs with a value for each joint need."""
-_BASE_OUTPUT_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
+_DERIVATIVE_ORDER_BY_BASE_OUTPUT: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
 """Derivatives that the force and the torque on the base need."""
-_MECHANISM_OUTPUT_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_OUTPUT_LEVELS, **_BASE_OUTPUT_LEVELS}
+_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT: Final = {
+    **_DERIVATIVE_ORDER_BY_FRAME_QUANTITY,
+    **_DERIVATIVE_ORDER_BY_JOINT_OUTPUT,
+    **_DERIVATIVE_ORDER_BY_BASE_OUTPUT,
+}
 """Derivatives that each output of a scene of a mechanism needs; frames' outputs by their quantity."""
-MECHANISM_OUTPUTS: Final = tuple(_MECHANISM_OUTPUT_LEVELS)
+MECHANISM_OUTPUT_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT)
 """Quantities that a scene of a mechanism can be asked for."""
 
 
 class MechanismOutput(NamedTuple):
-    """One output of a scene.
+    """One output that is requested of a mechanism's scene: a quantity, and the frames or joints that have it.
 
     Attributes:
         quantity: R, S, quat, d, v, omega, a or alpha of a frame; q, qd, qdd or tau of joints; force1, torque1.
@@ -79,7 +83,7 @@ class MechanismOutput(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismSceneResult(Frozen, Result):
-    """A scene of a mechanism, evaluated: `t`, `state`, and what was asked for.
+    """Computed outputs of a mechanism's scene: `t`, the `state` of frames, `forces`, and joint coordinates.
 
     `result["tool"].R` is the position of a frame, `result.R` that of all frames with an axis of frames behind the
     samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof), in the order of
@@ -100,7 +104,7 @@ class MechanismSceneResult(Frozen, Result):
     state: MechanismState | None
     forces: MechanismForces | None
     scene: MechanismScene
-    known: KnownJoints
+    known: KnownJointMotion
     outputs: tuple[MechanismOutput, ...]
     first: int = 0
     _inner: ClassVar[frozenset[str]] = Result._inner | {"chosen", "first", "known", "outputs"}
@@ -120,7 +124,7 @@ class MechanismSceneResult(Frozen, Result):
         return self.scene.unit(name)
 
     def chosen(self) -> dict[str, NDArray[Any]]:
-        """Return what was asked for, by name; shape (samples, ...).
+        """Return the requested outputs as arrays by name, such as R_tool and tau_elbow; shape (samples, ...).
 
         Names are R_tool, S_tool and so on; of q, qd and qdd each joint has an array of its own, named as in a log;
         of tau it is `tau_` and the joint's name.
@@ -128,15 +132,15 @@ class MechanismSceneResult(Frozen, Result):
         arrays: dict[str, NDArray[Any]] = {}
         for quantity, frames, joints in self.outputs:
             for frame in frames:
-                arrays |= self._of_frame(quantity, frame)
+                arrays |= self._frame_arrays(quantity, frame)
             columns = {name: i for i, name in enumerate(self.scene.mechanism.names)} if joints else {}
             for joint in joints:
                 if quantity == "tau":
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
-                    order = _COORDINATE_OUTPUTS.index(quantity)
-                    arrays[joint + RATES[order]] = self.known.column(order, columns[joint])
-            if quantity in _BASE_OUTPUT_LEVELS:
+                    order = _JOINT_COORDINATE_OUTPUTS.index(quantity)
+                    arrays[joint + DERIVATIVE_SUFFIXES[order]] = self.known.column(order, columns[joint])
+            if quantity in _DERIVATIVE_ORDER_BY_BASE_OUTPUT:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
 
@@ -146,31 +150,31 @@ class MechanismSceneResult(Frozen, Result):
         return self.chosen() | {name: self.known.column(0, i) for i, name in enumerate(names)}
 
     def energy(self) -> Energy:
-        """Compute kinetic and potential energy at the instants (T7), in the scene's gravity.
+        """Compute the kinetic and potential Energy at the instants (T7), in the scene's gravity.
 
         Raises:
             ArgumentError: no output has first derivatives.
         """
-        robot, known = self.scene.mechanism, self._moved()
+        robot, known = self.scene.mechanism, self._motion_with_rates()
         return robot.energy(*known.arguments()[:2], gravity=self.scene.gravity, base_motion=known.base)
 
     def momentum(self) -> Momentum:
-        """Compute linear and angular momentum at the instants (T8), about the origin.
+        """Compute the linear and angular Momentum at the instants (T8), about the origin.
 
         Raises:
             ArgumentError: no output has first derivatives.
         """
-        known = self._moved()
+        known = self._motion_with_rates()
         return self.scene.mechanism.momentum(*known.arguments()[:2], base_motion=known.base)
 
-    def _moved(self) -> KnownJoints:
-        """Return the motion, which must have first derivatives."""
+    def _motion_with_rates(self) -> KnownJointMotion:
+        """Return the known motion; raise ArgumentError if it has no first derivatives."""
         if self.known.level < VELOCITY:
             raise ArgumentError("outputs", "some that need first derivatives, such as v", "none of them")
         return self.known
 
-    def _of_frame(self, quantity: str, frame: str) -> dict[str, NDArray[Any]]:
-        """Return a quantity of a frame by name; of a quaternion each component by itself."""
+    def _frame_arrays(self, quantity: str, frame: str) -> dict[str, NDArray[Any]]:
+        """Return a frame's quantity by output name, a quaternion as four arrays; empty if no frame was computed."""
         if self.state is None:
             return {}
         if quantity == "quat":
@@ -190,10 +194,10 @@ class MechanismSceneResult(Frozen, Result):
         return state
 
     def __getattr__(self, name: str) -> Any:
-        if name in _COORDINATE_OUTPUTS:
-            order = _COORDINATE_OUTPUTS.index(name)
+        if name in _JOINT_COORDINATE_OUTPUTS:
+            order = _JOINT_COORDINATE_OUTPUTS.index(name)
             return self.known.array(order) if order <= self.known.level else None
-        if name in {"tau", *_BASE_OUTPUT_LEVELS}:
+        if name in {"tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT}:
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
@@ -204,12 +208,12 @@ class MechanismSceneResult(Frozen, Result):
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
-        names = (*_COORDINATE_OUTPUTS, "tau", *_BASE_OUTPUT_LEVELS, *MechanismState.__slots__)
+        names = (*_JOINT_COORDINATE_OUTPUTS, "tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT, *MechanismState.__slots__)
         return (*(name for name in names if getattr(self, name) is not None), "energy", "momentum")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MechanismScene(Sampled):
+class MechanismScene(SampledScene):
     """A mechanism, the motion of its joints and of its base, and the instants to evaluate it at.
 
     Attributes:
@@ -242,7 +246,7 @@ class MechanismScene(Sampled):
         return f"MechanismScene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
-        """Return the table of the scene: title, and rows of name, value and unit."""
+        """Return the Sheet that prints the scene: title, and rows of name, value and unit."""
         robot = self.mechanism
         rows = [
             ("mechanism", f"{robot.name}, {robot.dof} joints, {robot.base} base", ""),
@@ -270,7 +274,7 @@ class MechanismScene(Sampled):
         return self.times()
 
     def motion(self) -> JointCoordinates:
-        """Compute the joint coordinates q (samples, dof) and their derivatives at the instants of the scene.
+        """Return the JointCoordinates q (samples, dof), qd and qdd at the instants of the scene.
 
         Returns:
             (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that a
@@ -280,14 +284,14 @@ class MechanismScene(Sampled):
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
     def base_motion(self) -> BodyMotion | None:
-        """Compute the motion of the base at the instants; None where it rests at the origin.
+        """Return the BodyMotion of the base at the instants; None where the base rests at the origin.
 
         It is what the methods of the mechanism take as base_motion.
         """
         return self.known(slice(len(self.times())), self.joint_motion.level).base
 
-    def known(self, rows: Rows, order: int) -> KnownJoints:
-        """Return the motion of the joints and of the base at some of the instants.
+    def known(self, rows: Rows, order: int) -> KnownJointMotion:
+        """Return the KnownJointMotion of the joints and of the base at some of the instants.
 
         Args:
             rows: their numbers.
@@ -301,14 +305,14 @@ class MechanismScene(Sampled):
             hinge = joint.kind == "hinge"
             if name == f"tau_{joint.name}":
                 return "N m" if hinge else "N"
-            for ending, per in zip(RATES, ("", "/s", "/s^2"), strict=True):
+            for ending, per in zip(DERIVATIVE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
                     return ("rad" if hinge else "m") + per
         quantity, _, _ = name.partition("_")
         return unit_of(quantity)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute the motion of the mechanism at the scene's instants.
+        """Compute the outputs at the scene's instants; return a MechanismSceneResult.
 
         Args:
             outputs: quantities R, S, quat, d, v, omega, a, alpha of the scene's frames; a link, a joint or another
@@ -321,19 +325,19 @@ class MechanismScene(Sampled):
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._part(slice(len(self.times())), self.outputs_of(outputs))
+        return self._evaluate_rows(slice(len(self.times())), self.outputs_of(outputs))
 
     def sampled(self, most: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute the motion at a limited number of instants, evenly spread.
+        """Compute the outputs at `most` instants at most, evenly spread; return a MechanismSceneResult.
 
         Args:
             most: how many.
             outputs: as for `evaluate`.
         """
-        return self._part(self.spread(most), self.outputs_of(outputs))
+        return self._evaluate_rows(self.spread(most), self.outputs_of(outputs))
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[MechanismSceneResult]:
-        """Compute the motion in pieces of 131,072 instants, for motions longer than memory.
+        """Yield a MechanismSceneResult for each 131,072 instants in turn, for motions longer than memory.
 
         The motion that a piece comes from, `known`, has rates where the scene has any.
 
@@ -345,28 +349,32 @@ class MechanismScene(Sampled):
         """
         chosen = self.outputs_of(outputs)
         for rows in self.block_rows():
-            yield self._part(rows, chosen, min(self.joint_motion.level, VELOCITY))
+            yield self._evaluate_rows(rows, chosen, min(self.joint_motion.level, VELOCITY))
 
-    def _part(self, rows: Rows, outputs: tuple[MechanismOutput, ...], least: int = 0) -> MechanismSceneResult:
-        """Compute the outputs at some instants; derivatives up to the order `least` are kept beside them."""
-        levels = [_MECHANISM_OUTPUT_LEVELS[output.quantity] for output in outputs]
-        known = self.known(rows, max([*levels, least]))
-        how: dict[str, Any] = {"base_motion": known.base, "backend": self.backend}
-        frames, wanted, acting = _needed_quantities(outputs)
+    def _evaluate_rows(
+        self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
+    ) -> MechanismSceneResult:
+        """Return the result of outputs at the instants `rows`, its motion with derivatives to `min_order` or more."""
+        levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in outputs]
+        known_motion = self.known(rows, max([*levels, min_order]))
+        options: dict[str, Any] = {"base_motion": known_motion.base, "backend": self.backend}
+        frames, frame_outputs, force_outputs = _needed_quantities(outputs)
         state = forces = None
         if frames:
-            order = max(_FRAME_LEVELS[name] for name in wanted)
+            order = max(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY[name] for name in frame_outputs)
             state = self.mechanism.forward_kinematics(
-                *known.arguments()[: order + 1], frames=frames, outputs=wanted, **how
+                *known_motion.arguments()[: order + 1], frames=frames, outputs=frame_outputs, **options
             )
-        if acting:
-            forces = self.mechanism.inverse_dynamics(*known.arguments(), gravity=self.gravity, outputs=acting, **how)
+        if force_outputs:
+            forces = self.mechanism.inverse_dynamics(
+                *known_motion.arguments(), gravity=self.gravity, outputs=force_outputs, **options
+            )
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         t = np.asarray(read_only(self.instants[rows]))
-        return MechanismSceneResult(t, state, forces, self, known, outputs, first)
+        return MechanismSceneResult(t, state, forces, self, known_motion, outputs, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
-        """Return what `evaluate` computes and what it leaves out, and why; print it.
+        """Return a MechanismPlan, whose text says what `evaluate` computes, what it leaves out, and why.
 
         Args:
             outputs: as for `evaluate`.
@@ -375,12 +383,12 @@ class MechanismScene(Sampled):
             ArgumentError: as for `evaluate`.
         """
         chosen = self.outputs_of(outputs)
-        order = max(_MECHANISM_OUTPUT_LEVELS[output.quantity] for output in chosen)
+        order = max(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in chosen)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
         frames, of_frames, acting = _needed_quantities(chosen)
         counted = {}
         if frames:
-            arguments = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
+            arguments = known.arguments()[: 1 + max(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY[name] for name in of_frames)]
             how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
             counted[f"{', '.join(of_frames)} of {', '.join(frames)}"] = self.mechanism.count_operations(
                 *arguments, **how
@@ -393,7 +401,7 @@ class MechanismScene(Sampled):
         return MechanismPlan(counted, tuple(still), order, self.joint_motion.level, known.base is None)
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
-        """Return the outputs that are asked for; those of the file unless given, else the motion of what moves.
+        """Return requested outputs as MechanismOutputs; None means those of the file, else motion of what moves.
 
         Args:
             outputs: as for `evaluate`.
@@ -406,53 +414,63 @@ class MechanismScene(Sampled):
         if names is None:
             joints = self.joint_motion.moving
             of_frames = [
-                MechanismOutput(name, self.frames) for name in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[name] <= level
+                MechanismOutput(name, self.frames)
+                for name in _DEFAULT_FRAME_QUANTITIES
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
             ]
             of_joints = [
                 MechanismOutput(name, (), joints)
-                for name in _COORDINATE_OUTPUTS
-                if _MECHANISM_OUTPUT_LEVELS[name] <= level
+                for name in _JOINT_COORDINATE_OUTPUTS
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
             ]
             return (*of_frames, *of_joints)
         try:
-            asked = [] if isinstance(names, str) else list(names)
+            requested = [] if isinstance(names, str) else list(names)
         except TypeError:
-            asked = []
-        if not asked:
+            requested = []
+        if not requested:
             raise ArgumentError(
-                "outputs", f"names out of {', '.join(MECHANISM_OUTPUTS)}, or of frames", quoted(names)
+                "outputs", f"names out of {', '.join(MECHANISM_OUTPUT_NAMES)}, or of frames", quoted(names)
             )
-        return tuple(output for name in asked for output in self._output(name))
+        return tuple(output for name in requested for output in self._parse_output(name))
 
-    def _output(self, name: object) -> Iterator[MechanismOutput]:
-        """Yield what a name asks for."""
+    def _parse_output(self, name: object) -> Iterator[MechanismOutput]:
+        """Yield the MechanismOutputs that one name requests, such as R, tool, R_tool or tau; refuse unknown names."""
         quantity, _, frame = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.joint_motion.level, self.mechanism
-        if name in _FRAME_LEVELS:
-            asked = [MechanismOutput(str(name), self.frames)]
-        elif name in _MECHANISM_OUTPUT_LEVELS:
-            asked = [MechanismOutput(str(name), (), robot.names if name in _JOINT_OUTPUT_LEVELS else ())]
-        elif isinstance(name, str) and robot.tree.frame(name) is not None:
-            asked = [
-                MechanismOutput(kind, (name,)) for kind in _OF_A_FRAME if _MECHANISM_OUTPUT_LEVELS[kind] <= level
+        if name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY:
+            requested = [MechanismOutput(str(name), self.frames)]
+        elif name in _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT:
+            requested = [
+                MechanismOutput(str(name), (), robot.names if name in _DERIVATIVE_ORDER_BY_JOINT_OUTPUT else ())
             ]
-        elif quantity in _FRAME_LEVELS and robot.tree.frame(frame) is not None:
-            asked = [MechanismOutput(quantity, (frame,))]
+        elif isinstance(name, str) and robot.tree.frame(name) is not None:
+            requested = [
+                MechanismOutput(kind, (name,))
+                for kind in _DEFAULT_FRAME_QUANTITIES
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[kind] <= level
+            ]
+        elif quantity in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY and robot.tree.frame(frame) is not None:
+            requested = [MechanismOutput(quantity, (frame,))]
         elif quantity == "tau" and frame in robot.names:
-            asked = [MechanismOutput(quantity, (), (frame,))]
+            requested = [MechanismOutput(quantity, (), (frame,))]
         else:
-            known = (*MECHANISM_OUTPUTS, *robot.links, *robot.tree.frames)
-            close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
-            several = f"{choices(known)}, or both such as R_{self.frames[0]}" if self.frames else choices(known)
+            known_names = (*MECHANISM_OUTPUT_NAMES, *robot.links, *robot.tree.frames)
+            close = nearest(str(name), (*known_names, *(f"tau_{joint}" for joint in robot.names)))
+            several = (
+                f"{choices(known_names)}, or both such as R_{self.frames[0]}" if self.frames else choices(known_names)
+            )
             raise ArgumentError("outputs", several + close, quoted(name))
-        for output in asked:
-            if _MECHANISM_OUTPUT_LEVELS[output.quantity] > level:
-                kinds = choices([kind for kind in MECHANISM_OUTPUTS if _MECHANISM_OUTPUT_LEVELS[kind] <= level])
+        for output in requested:
+            if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] > level:
+                kinds = choices(
+                    [kind for kind in MECHANISM_OUTPUT_NAMES if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[kind] <= level]
+                )
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
-        yield from asked
+        yield from requested
 
     def cross_validate(self, most: int | None = None) -> RobotValidation:
-        """Compute the mechanism along the motion by the equations and by Pinocchio, and compare.
+        """Compare the mechanism's equations with Pinocchio along the motion; return a RobotValidation.
 
         All links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared, as far as the
         motion has derivatives.
@@ -495,34 +513,34 @@ class MechanismScene(Sampled):
         noise = None
         if motion.derived is not None:
             middle = self.known(noise_rows(len(t)), ACCELERATION)
-            noise = JointNoise(self.mechanism, t, middle, motion.moving, motion.derived)
+            noise = JointLogNoise(self.mechanism, t, middle, motion.moving, motion.derived)
         return mechanism_scene_forces(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences that a reader of the results should see: limits that are passed, kinks, doubtful units."""
-        notes = self.collected_notes()
+        """Return sentences for readers of the results: on passed limits, kinks and doubtful units."""
+        notes = self.note_collector()
         for part in self.blocks(("q",)):
             notes.add(part)
         return notes.sentences()
 
-    def collected_notes(self) -> MechanismNotes:
+    def note_collector(self) -> MechanismNoteCollector:
         """Return what gathers the notes from pieces of the motion."""
-        return MechanismNotes(self)
+        return MechanismNoteCollector(self)
 
 
 def _needed_quantities(
     outputs: tuple[MechanismOutput, ...],
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return the frames, what is computed of frames, and what is computed of forces, for some outputs."""
+    """Return the frames, the frame quantities and the force quantities that some outputs need: three tuples."""
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
-    of_frames = tuple(name for name in _FRAME_LEVELS if name in named)
-    return frames, of_frames, tuple(name for name in ("tau", *_BASE_OUTPUT_LEVELS) if name in named)
+    of_frames = tuple(name for name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY if name in named)
+    return frames, of_frames, tuple(name for name in ("tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT) if name in named)
 
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """Outputs that a scene of a mechanism computes, and those that it leaves out.
+    """Plan of a mechanism's scene: operations of each computed output, and what is left out and why.
 
     Attributes:
         computed: operations by what is computed.
@@ -555,12 +573,12 @@ class MechanismPlan:
         return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {reason}" for reason in skipped)])
 
 
-class MechanismNotes:
-    """Notes for a reader of the results, gathered from the pieces of a motion: limits, kinks, doubtful units."""
+class MechanismNoteCollector:
+    """Collector of notes on a mechanism's scene that is evaluated in blocks: limits, kinks, doubtful units."""
 
     def __init__(self, scene: MechanismScene) -> None:
         self._scene = scene
-        self._watches: list[tuple[int, int, LimitWatch]] = []
+        self._watches: list[tuple[int, int, LimitCounter]] = []
         self._kinks = 0
         robot = scene.mechanism
         for i, joint in enumerate(robot.tree.coordinates):
@@ -568,17 +586,17 @@ class MechanismNotes:
             if scene.joint_motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
             for order, pair in enumerate(limits):
-                unit = scene.unit(joint.name + RATES[order])
-                self._watches.append((order, i, LimitWatch(joint.name + "'" * order, pair, unit)))
+                unit = scene.unit(joint.name + DERIVATIVE_SUFFIXES[order])
+                self._watches.append((order, i, LimitCounter(joint.name + "'" * order, pair, unit)))
 
     def add(self, part: MechanismSceneResult) -> None:
-        """Look at one piece."""
-        self._kinks += self._scene.joint_motion.kinks(part.first, part.first + len(part.t))
+        """Update the counts of passed limits and of kinks with one block of results."""
+        self._kinks += self._scene.joint_motion.count_kinks(part.first, part.first + len(part.t))
         for order, joint, watch in self._watches:
             watch.add(part.t, part.known.column(order, joint))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes."""
+        """Return the notes on all blocks that were added, as sentences."""
         joints, samples = self._scene.mechanism.tree.coordinates, self._scene.samples
         sentences: list[str] = []
         for order, i, watch in self._watches:
@@ -593,7 +611,7 @@ class MechanismNotes:
 
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the scene that the tables of a file describe, files being relative to the file's folder.
+    """Return the MechanismScene that the tables of a file describe; other paths are relative to the file's folder.
 
     Args:
         tables: of the file.
@@ -613,7 +631,7 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
-    """Return whether a refused key, by its label, is a joint whose motion stands in a table that is not [motion]."""
+    """Return whether a refused key (`label`: file, table, key) is a joint whose motion stands outside [motion]."""
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
         return False
@@ -625,7 +643,7 @@ def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
     if "joint" in tables.values:
         return key in (joint.get("name") for joint in tables.values["joint"] if isinstance(joint, dict))
     table = tables.table("mechanism")
-    source = {name: own for name, own in table.values.items() if name in {"robot", "urdf"}}
+    source = {name: entry for name, entry in table.values.items() if name in {"robot", "urdf"}}
     try:
         return key in read_mechanism(replace(tables, values={"mechanism": source}), folder).names
     except SceneError:
@@ -633,7 +651,7 @@ def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
 
 
 def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the scene that the tables of a file describe; `read_mechanism_scene` has the words."""
+    """Return the MechanismScene of a file's tables, as `read_mechanism_scene`, without its hint on stray joints."""
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
     motion = read_joint_motion(tables, folder, robot)
