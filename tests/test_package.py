@@ -163,12 +163,12 @@ def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
 
 
 NAMED_FOR_CONTRIBUTORS = {
-    "plans/steps.py": ("HINGE_STEPS", "PLANAR_STEPS"),
-    "plans/plan.py": ("_SHAPES", "SPATIAL"),
+    "plans/steps.py": ("BODY2_STEPS", "PLANAR_STEPS"),
+    "plans/plan.py": ("_SHAPE_BY_NAME", "SPATIAL_MOTION"),
     "pair/states.py": ("PairState",),
     "scenes/explain.py": ("_STEP_DESCRIPTIONS",),
     "equations/trees.py": ("slides",),
-    "plans/trees.py": ("Form", "places"),
+    "plans/trees.py": ("Form", "placements"),
     "mechanism/tree.py": ("Joint",),
     "cli/output.py": ("JsonOption",),
     "cli/main.py": ("COMMANDS",),

@@ -17,14 +17,14 @@ from hingepair.engine import native
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
-from hingepair.plans.plan import SPATIAL, default_outputs, make_plan, plan_loop
+from hingepair.plans.plan import SPATIAL_MOTION, default_outputs, make_plan, plan_loop
 from hingepair.rotations.sequences import SEQUENCES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 from support.work import HANG
 
 U = 2.0**-53
-NAMES = tuple(SPATIAL.levels)
+NAMES = tuple(SPATIAL_MOTION.levels)
 
 
 def pair_of(rng, home=True):
@@ -348,7 +348,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     rng = generator(72)
     motion = coordinates(rng, 30)
     one, other = pair_of(rng), pair_of(rng)
-    loop = plan_loop(make_plan(default_outputs(2), "XYZ", True, given=("q", "qd", "qdd")))
+    loop = plan_loop(make_plan(default_outputs(2), "XYZ", True, given_names=("q", "qd", "qdd")))
     loop.program.cache_clear()
     both(one, *motion)
     programs = loop.program.cache_info().currsize

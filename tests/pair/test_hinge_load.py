@@ -20,7 +20,7 @@ WHOLE = {
     "stop_stiffness": 100,
     "stop_damping": 3,
 }
-PARTS = {
+COORDINATE_PART_NAMES = {
     "motor": np.sin(T),
     "spring": -2 * (PSI - 0.1),
     "damper": -0.3 * PSID,
@@ -32,11 +32,13 @@ PARTS = {
 def test_the_parts_of_a_load_are_those_of_its_formula_and_sum_to_it():
     load = hp.HingeLoad(**WHOLE, motor=lambda t, *_: np.sin(t))
     parts = load.parts(T, PSI, PSID)
-    assert list(parts) == list(PARTS)
-    for name, torque in PARTS.items():
+    assert list(parts) == list(COORDINATE_PART_NAMES)
+    for name, torque in COORDINATE_PART_NAMES.items():
         np.testing.assert_allclose(parts[name], torque, rtol=1e-14, atol=1e-15)
-    np.testing.assert_allclose(load(T, PSI, PSID), sum(PARTS.values()), rtol=1e-14)
-    assert load(T[0], PSI[0], PSID[0]) == pytest.approx(sum(torque[0] for torque in PARTS.values()), rel=1e-14)
+    np.testing.assert_allclose(load(T, PSI, PSID), sum(COORDINATE_PART_NAMES.values()), rtol=1e-14)
+    assert load(T[0], PSI[0], PSID[0]) == pytest.approx(
+        sum(torque[0] for torque in COORDINATE_PART_NAMES.values()), rel=1e-14
+    )
 
 
 def test_the_parts_of_a_load_that_is_the_motor_are_added_to_those_of_the_load():

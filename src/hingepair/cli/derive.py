@@ -131,7 +131,7 @@ def _derive_pair(
         output_format: text, latex, python or json.
         short: whether repeated terms are abbreviated; None: if lines are long.
     """
-    from hingepair.plans.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
+    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
@@ -141,7 +141,7 @@ def _derive_pair(
     forms = closed_forms(scene_or_pair, symbols) if is_scene or file is None else derive_any_motion(file, symbols)
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
     chosen = tuple(name for name in scene_outputs or () if name not in ADDITIONAL_SCENE_OUTPUT_NAMES)
-    default_names = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT_OUTPUTS
+    default_names = default_outputs(ACCELERATION, PLANAR_MOTION) if forms.kind is PLANAR_MOTION else DEFAULT_OUTPUTS
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":
         return forms.to_latex(names, short=bool(short))

@@ -33,8 +33,8 @@ from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
 from hingepair.pair.evaluate import call_of
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.plans.dynamics_steps import forward_steps, lever_steps
-from hingepair.plans.plan import SPATIAL, Plan, needed_steps, steps_of
+from hingepair.plans.dynamics_steps import forward_dynamics_steps, inertia_steps
+from hingepair.plans.plan import SPATIAL_MOTION, Plan, all_steps, needed_steps
 from hingepair.plans.steps import Step, same, upright
 from hingepair.rotations.matrices import matrix_to_quaternion
 
@@ -326,7 +326,9 @@ class PairMotion:
             "base1", call_with_arrays("base", self._base_motion, t), "R", "S", "v", "omega", "a", "alpha"
         )
         try:
-            broadcast = {name: np.broadcast_to(x, (len(t), *SPATIAL.shapes[name])) for name, x in body1.items()}
+            broadcast = {
+                name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION.shapes[name])) for name, x in body1.items()
+            }
         except ValueError:
             expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
             raise ArgumentError("base", expected, {name: array.shape for name, array in body1.items()}) from None
@@ -340,7 +342,7 @@ class PairMotion:
     def _motion_of(self, inputs: dict[str, Any]) -> MotionAtInstants:
         """Compute the motion of the pair from inputs of programs."""
         values = inputs | (_run_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest)
-        shapes = {name: (len(inputs["psi"]), *SPATIAL.shapes[name]) for name in MotionAtInstants._fields}
+        shapes = {name: (len(inputs["psi"]), *SPATIAL_MOTION.shapes[name]) for name in MotionAtInstants._fields}
         return MotionAtInstants(*(np.broadcast_to(values[name], shape).copy() for name, shape in shapes.items()))
 
 
@@ -369,16 +371,23 @@ def _run_call(call: Call, values: Mapping[str, Any]) -> Any:
 @functools.cache
 def _make_state_plan(base: str, is_planar: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
     """Make the plan from the state, or from S1, omega1, psi and psi' where `is_planar` is None, to some outputs."""
-    hinge, body1_steps = steps_of(None, home), list[Step]()
+    hinge, body1_steps = all_steps(None, home), list[Step]()
     if is_planar is not None:
         attitude, rate = _ATTITUDE_STEPS[is_planar]
         attitude_count = [step.result for step in hinge].index("omega2")
-        body1_steps = [*_UNPACK_STATE_STEPS, attitude, *hinge[:attitude_count], *lever_steps(base), _SPIN_STEP, rate]
-    steps = forward_steps((*body1_steps, *hinge), base)
+        body1_steps = [
+            *_UNPACK_STATE_STEPS,
+            attitude,
+            *hinge[:attitude_count],
+            *inertia_steps(base),
+            _SPIN_STEP,
+            rate,
+        ]
+    steps = forward_dynamics_steps((*body1_steps, *hinge), base)
     if base != "carried":
         steps = (*steps, *_RATE_STEPS[:1], *_BASE_STEPS[base], *_RATE_STEPS[1:])
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
-    return Plan(outputs, plan_steps, inputs, SPATIAL)
+    return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION)
 
 
 def _check_hinge_inertia(pair: HingePair) -> None:

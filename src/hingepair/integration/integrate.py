@@ -24,8 +24,8 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import (
     ACCELERATION,
-    PLANAR,
-    SPATIAL,
+    PLANAR_MOTION,
+    SPATIAL_MOTION,
     Kind,
     Plan,
     check_outputs,
@@ -229,11 +229,11 @@ def _compute_state(
     outputs: Outputs,
 ) -> Any:
     """Compute the state of the pair at the instants from the solution and the signals."""
-    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+    kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
     plan = _make_integration_plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
     if not plan.outputs:
         return STATES[kind]({}, options.t.shape)
-    S1 = None if kind is PLANAR else quaternions_to_matrices(solution.orientations)
+    S1 = None if kind is PLANAR_MOTION else quaternions_to_matrices(solution.orientations)
     inputs: dict[str, Any] = {
         **point,
         "psi": solution.psi,

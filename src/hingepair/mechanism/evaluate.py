@@ -26,7 +26,7 @@ from hingepair.mechanism.arguments import (
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.plans.trees import Form, Request, inputs_of, request_loop
+from hingepair.plans.trees import Form, Request, input_shapes, request_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
 
 MASS_INDEPENDENT_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
@@ -50,7 +50,7 @@ class RobotComputation:
 
     Args:
         constants: constants of the robot.
-        outputs: names out of `plans.trees.OUTPUTS`.
+        outputs: names out of `plans.trees.OUTPUT_BY_NAME`.
         free: whether forces move the base.
         frames: frames whose motion is computed, and frames on which wrenches act.
         loaded_frames: indices of the frames on which wrenches act.
@@ -80,7 +80,7 @@ class RobotComputation:
         self.request = Request(outputs, free, tuple(frame.body for frame in frames), known, loaded_frames)
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
         self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
-        self.inputs = inputs_of(self.form, self.request)
+        self.inputs = input_shapes(self.form, self.request)
         self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUTS for name in outputs)
         self.result = result
         self._calls: dict[Any, Call] = {}

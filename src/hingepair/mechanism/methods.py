@@ -35,7 +35,7 @@ from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPES, BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
-from hingepair.plans.trees import inputs_of
+from hingepair.plans.trees import input_shapes
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -796,7 +796,7 @@ class MechanismMethods(Shown):
                 needs = [
                     one
                     for one in outputs
-                    if name in inputs_of(computation.form, computation.request._replace(outputs=(one,)))
+                    if name in input_shapes(computation.form, computation.request._replace(outputs=(one,)))
                 ]
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 

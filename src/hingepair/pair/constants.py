@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
-from hingepair.plans.steps import LEVER_STEPS
+from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
 _IDENTITY = read_only(np.eye(3))  # the home attitude C unless given
@@ -70,7 +70,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return the unit axis, and lever_fixed, lever_cos and lever_sin of `plans.steps.LEVER_STEPS`, body-1 axes [m].
+    """Return the unit axis, and lever_fixed, lever_cos and lever_sin (LEVER_CONSTANT_STEPS), body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -78,7 +78,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     both, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
     n, _ = polar(axis)
     values_by_name: dict[str, Any] = {"arm": tuple(map(Twofold, lever2)), "n": n}
-    *of_u2, lever_fixed = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
+    *of_u2, lever_fixed = LEVER_CONSTANT_STEPS if "home" in values else LEVER_CONSTANT_STEPS[1:]
     if "home" in values:
         values_by_name |= {"u2": values_by_name["arm"], "home": tuple(map(Twofold, values["home"]))}
     for result, function, arguments in of_u2:

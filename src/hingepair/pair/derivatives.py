@@ -14,7 +14,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.forward_kinematics import CoordinateInput, component, read_pair_coordinates
-from hingepair.plans.plan import SPATIAL
+from hingepair.plans.plan import SPATIAL_MOTION
 from hingepair.rotations.sequences import find_sequence
 
 
@@ -52,7 +52,7 @@ def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: Coordinate
 
 def _by_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
     find_sequence(sequence)
-    given = read_pair_coordinates(SPATIAL, q, qd, None)
+    given = read_pair_coordinates(SPATIAL_MOTION, q, qd, None)
     return arrays_of(pair, (name,), given.parts, given.shapes, sequence=sequence)[name]
 
 

@@ -19,8 +19,8 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of
 from hingepair.pair.forward_kinematics import component
-from hingepair.plans.dynamics_steps import LOADS, MOVES, REQUIRED
-from hingepair.plans.plan import SPATIAL, make_plan
+from hingepair.plans.dynamics_steps import FORWARD_DYNAMICS_OUTPUTS, INVERSE_DYNAMICS_OUTPUTS, LOAD_NAMES
+from hingepair.plans.plan import SPATIAL_MOTION, make_plan
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
@@ -29,7 +29,7 @@ Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
 _FALL, _NONE = np.array(GRAVITY), np.zeros(3)
 # The loads that are vectors: forces and torques on the bodies.
-_FORCES = tuple(name for name in LOADS if name != "hinge_torque")
+_FORCES = tuple(name for name in LOAD_NAMES if name != "hinge_torque")
 _MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}  # constants of a body 1 without mass
 SINGULAR = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
@@ -165,7 +165,7 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
     needed_bodies = {
         name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}
     }
-    none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}
+    none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOAD_NAMES}
     fall = one_constant("gravity", gravity, 3).tolist()
     return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(needed_bodies)})
 
@@ -187,11 +187,13 @@ class Quantity:
 MASS_MATRIX = Quantity(("mass_matrix",), ("S",))  # D6
 # Inverse dynamics, D1-D5.
 FORCES = Quantity(
-    REQUIRED, ("S", "omega", "a", "alpha"), without_body1="; or pair.hinge_wrench, for which body 2 suffices"
+    INVERSE_DYNAMICS_OUTPUTS,
+    ("S", "omega", "a", "alpha"),
+    without_body1="; or pair.hinge_wrench, for which body 2 suffices",
 )
 # The wrench of body 1 on body 2, D3, D4.
 HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
-ACCELERATIONS = Quantity((*MOVES, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
+ACCELERATIONS = Quantity((*FORWARD_DYNAMICS_OUTPUTS, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
 # D7.
 ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
 MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
@@ -226,8 +228,8 @@ def compute_quantity(
     values["gravity"] = tuple(fall.tolist())
     for name, value in loads.items():  # a force that is none is a constant of the program
         values[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
-    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in values.items()}
-    plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(values))
+    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION.shapes[name])] for name, v in values.items()}
+    plan = make_plan(what.outputs, None, "home" in constants.values, given_names=tuple(values))
     call = call_of(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
         constants.prepared[what] = call
@@ -267,7 +269,7 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
         ArgumentError: as for `make_accelerations`.
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
-    loads = dict.fromkeys(LOADS, 0.0)
+    loads = dict.fromkeys(LOAD_NAMES, 0.0)
     outputs = compute_quantity(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
     make_accelerations(bodies, outputs)
 

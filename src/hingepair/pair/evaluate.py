@@ -19,11 +19,11 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR, SPATIAL, Plan, make_plan, plan_loop
+from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Plan, make_plan, plan_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
 
 AUTO: Final = Execution("auto", 1)  # how a call is run unless told
-STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANAR: PlanarState}
+STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL_MOTION: PairState, PLANAR_MOTION: PlanarState}
 """The class of the results, by the kind of plan."""
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
@@ -86,7 +86,7 @@ def arrays_of(
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Return new arrays of what is computed of values, by name."""
-    plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given=tuple(values))
+    plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     arrays: dict[str, NDArray[Any]] = compute_state(pair, plan, values, shapes, dtype=dtype).writable_arrays()
     return arrays
 

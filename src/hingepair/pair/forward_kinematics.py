@@ -17,8 +17,8 @@ from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of
-from hingepair.plans.plan import PLANAR, SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
-from hingepair.plans.steps import COLUMN_NAMES
+from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, Plan, check_outputs, default_outputs, make_plan
+from hingepair.plans.steps import COORDINATE_COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
 
 CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
@@ -103,7 +103,7 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
 
 def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return the columns of coordinates, or of their derivatives, in order, by the names that the table has."""
-    own, endings = COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
+    own, endings = COORDINATE_COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
     families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
     others = {column for family in own.values() for column in family}
     return columns_by_name(name, table, families, others, last_family=names)
@@ -111,12 +111,12 @@ def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[s
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of a table's columns that are q, qd or qdd of a pair in space, in order."""
-    return tuple(_coordinate_columns(name, table, SPATIAL.coordinates))
+    return tuple(_coordinate_columns(name, table, SPATIAL_MOTION.coordinates))
 
 
 def planar_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of a table's columns that are q, qd or qdd of a pair in the plane, in order."""
-    return tuple(_coordinate_columns(name, table, PLANAR.coordinates))
+    return tuple(_coordinate_columns(name, table, PLANAR_MOTION.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
@@ -189,7 +189,7 @@ def plan_from_coordinates(
     foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
     """Return the plan for outputs from the coordinates, and the coordinates as read."""
-    if kind is SPATIAL and (type(sequence) is not str or sequence != "XYZ"):
+    if kind is SPATIAL_MOTION and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
     given = read_pair_coordinates(kind, q, qd, qdd, foreign)
     names = _wanted(outputs, out, len(given.parts) - 1, kind)
@@ -228,8 +228,8 @@ def plan_from_body1(
     angles = {name: v for name, v in {"psi": psi, "psid": psid, "psidd": psidd}.items() if v is not None}
     hinge = {name: v if is_foreign(v) else component(name, v) for name, v in angles.items()}
     arrays = {name: array for name, letter in _BODY1_LETTERS.items() if (array := getattr(body1, letter)) is not None}
-    names = _wanted(outputs, out, len(hinge) - 1, SPATIAL)
-    plan = _plan_for(names, pair, (*arrays, *hinge), None, SPATIAL)
+    names = _wanted(outputs, out, len(hinge) - 1, SPATIAL_MOTION)
+    plan = _plan_for(names, pair, (*arrays, *hinge), None, SPATIAL_MOTION)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return plan, {**arrays, **hinge}, shapes
 
@@ -264,12 +264,12 @@ def _plan_for(
 ) -> Plan:
     """Return the plan for some outputs, if what is given suffices."""
     home = "home" in pair.values
-    plan = make_plan(names, sequence, home, kind=kind, given=given)
+    plan = make_plan(names, sequence, home, kind=kind, given_names=given)
     known = {*given, *pair.values}
     if plan.inputs <= known:
         return plan
     for name in names:
-        for missing in sorted(make_plan((name,), sequence, home, kind=kind, given=given).inputs - known):
+        for missing in sorted(make_plan((name,), sequence, home, kind=kind, given_names=given).inputs - known):
             argument = missing if "q" in given else _BODY1_ARGUMENTS.get(missing, missing)
             raise ArgumentError(argument, f"a value, since output {name} needs it", None)
     return plan

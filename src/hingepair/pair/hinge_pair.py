@@ -29,11 +29,11 @@ from hingepair.pair.prepare import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
-from hingepair.plans.plan import SPATIAL
+from hingepair.plans.plan import SPATIAL_MOTION
 
 Returned = TypeVar("Returned")
 
-ARGUMENT_SAMPLE_SHAPES: Final = {**SPATIAL.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+ARGUMENT_SAMPLE_SHAPES: Final = {**SPATIAL_MOTION.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
 """Shape of one sample of each argument that may be a Dask array."""
 
 
@@ -193,7 +193,7 @@ class HingePair(Shown):
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         execution = execution_of(backend, workers)
         state: PairState = kinematics.from_coordinates(
-            SPATIAL, self.constants, q, qd, qdd, outputs, out, sequence, execution
+            SPATIAL_MOTION, self.constants, q, qd, qdd, outputs, out, sequence, execution
         )
         return state
 
@@ -308,7 +308,7 @@ class HingePair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
-        return accuracy.error_bounds(SPATIAL, self.constants, q, qd, qdd, outputs, sequence)
+        return accuracy.error_bounds(SPATIAL_MOTION, self.constants, q, qd, qdd, outputs, sequence)
 
     def error_bounds_from_body1(
         self,

@@ -26,7 +26,7 @@ from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
 from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.states import PlanarState
-from hingepair.plans.plan import PLANAR
+from hingepair.plans.plan import PLANAR_MOTION
 from hingepair.rotations.matrices import rotation_exp
 
 PLANAR_GRAVITY = (0.0, -9.81)
@@ -36,7 +36,7 @@ Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
 _SAMPLE_SHAPES: Final = {
-    **PLANAR.shapes,
+    **PLANAR_MOTION.shapes,
     **dict.fromkeys(("force1", "force2"), (2,)),
     **dict.fromkeys(("torque1", "torque2"), ()),
 }
@@ -138,7 +138,7 @@ class PlanarPair(Shown):
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         execution = execution_of(backend, workers)
         state: PlanarState = kinematics.from_coordinates(
-            PLANAR, self.constants, q, qd, qdd, outputs, out, None, execution
+            PLANAR_MOTION, self.constants, q, qd, qdd, outputs, out, None, execution
         )
         return state
 
@@ -160,7 +160,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
-        return accuracy.error_bounds(PLANAR, self.constants, q, qd, qdd, outputs, None)
+        return accuracy.error_bounds(PLANAR_MOTION, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
         """Return the same pair in space: n = e_z; the plane is z = 0, so that gravity in the plane is (0, -9.81, 0).
@@ -356,7 +356,10 @@ class PlanarPair(Shown):
                 raise ArgumentError(
                     name, "four coordinates, or their derivatives: what is asked for needs them", None
                 )
-        space, given = self.massive(), kinematics.read_pair_coordinates(PLANAR, **{"qd": None, "qdd": None, **rows})
+        space, given = (
+            self.massive(),
+            kinematics.read_pair_coordinates(PLANAR_MOTION, **{"qd": None, "qdd": None, **rows}),
+        )
         values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
         for name, part in given.parts.items():
             x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
@@ -384,7 +387,7 @@ def motion_in_space(
     q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
 ) -> tuple[Any, ...]:
     """Return body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they are given."""
-    given = kinematics.read_pair_coordinates(PLANAR, q, qd, qdd)
+    given = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
     shape = broadcast_shape(given.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}

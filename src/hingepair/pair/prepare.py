@@ -19,9 +19,14 @@ from hingepair.pair.constants import HINGE_FRAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
 from hingepair.pair.evaluate import QUATERNIONS, call_of
 from hingepair.pair.forward_kinematics import check_out
-from hingepair.plans.dynamics_steps import LOADS, MASSES, MOVES, REQUIRED
-from hingepair.plans.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, needed_steps
-from hingepair.plans.steps import ATTITUDE_STEPS
+from hingepair.plans.dynamics_steps import (
+    DYNAMICS_CONSTANT_NAMES,
+    FORWARD_DYNAMICS_OUTPUTS,
+    INVERSE_DYNAMICS_OUTPUTS,
+    LOAD_NAMES,
+)
+from hingepair.plans.plan import SPATIAL_MOTION, Plan, check_outputs, default_outputs, make_plan, needed_steps
+from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
 from hingepair.rotations.sequences import find_sequence
 
 # The inputs that a name such as "velocity" stands for.
@@ -30,12 +35,12 @@ _INPUTS_BY_KIND: Final = {
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
-    "forward_dynamics": ("S1", "omega1", "psi", "psid", *REQUIRED),
+    "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUTS),
 }
 # All inputs that a prepared call can take.
 _INPUTS: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
+    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOAD_NAMES),
 )
 _TWO_BODY_OUTPUTS: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),
@@ -43,12 +48,12 @@ _TWO_BODY_OUTPUTS: Final = (
 )
 """Outputs that need the motions of both bodies."""
 _OUTPUTS: Final = (
-    *SPATIAL.levels,
+    *SPATIAL_MOTION.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
     *POSE_SENSITIVITIES,
     *RATE_SENSITIVITIES,
     *_TWO_BODY_OUTPUTS,
-    *REQUIRED,
+    *INVERSE_DYNAMICS_OUTPUTS,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
 """All that can be prepared."""
@@ -147,20 +152,20 @@ def prepare(
     """Return a plan of a HingePair made ready; see `HingePair.prepare`."""
     names = _checked_given(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
-    forward = any(name in LOADS for name in names)
+    forward = any(name in LOAD_NAMES for name in names)
     if outputs is None and forward:
-        outputs = MOVES
+        outputs = FORWARD_DYNAMICS_OUTPUTS
     elif outputs is None and given == "inverse_dynamics":
-        outputs = REQUIRED
+        outputs = INVERSE_DYNAMICS_OUTPUTS
     rows = "q" in names
     if rows:
         find_sequence(sequence)
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
     wanted = default_outputs(level) if outputs is None else check_outputs(outputs, _OUTPUTS)
-    plan_of = functools.partial(make_plan, sequence=sequence if rows else None, home="home" in constants.values)
+    plan_of = functools.partial(make_plan, sequence=sequence if rows else None, has_home="home" in constants.values)
     checks = (*(() if rows else ("attitude1_check",)), *(("attitude2_check",) if "S2" in names else ()))
-    plan = plan_of((*wanted, *checks), given=names)
-    if not plan.inputs.isdisjoint(MASSES):
+    plan = plan_of((*wanted, *checks), given_names=names)
+    if not plan.inputs.isdisjoint(DYNAMICS_CONSTANT_NAMES):
         constants = dynamics.for_calls(constants, bodies, gravity, plan.inputs)
     if forward:
         dynamics.check_resistance(constants, bodies)
@@ -169,7 +174,7 @@ def prepare(
     known = {*names, *constants.values}
     for name in wanted:
         of_both = names if forward or name not in _TWO_BODY_OUTPUTS else (*names, "S2")
-        missing = sorted(plan_of((name,), given=of_both).inputs - known - HINGE_FRAMES)
+        missing = sorted(plan_of((name,), given_names=of_both).inputs - known - HINGE_FRAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     call = call_of(constants, plan, names, execution.backend)
@@ -189,7 +194,7 @@ def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
     for name in names:
         if name not in _INPUTS:
             raise ArgumentError("given", choices(tuple(_INPUTS)), quoted(name))
-    attitudes = [name for name in names if name in {"q", *ATTITUDE_STEPS}]
+    attitudes = [name for name in names if name in {"q", *ATTITUDE1_STEPS_BY_INPUT}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))
     return names

@@ -347,7 +347,9 @@ def _arrays(
 ) -> dict[str, NDArray[Any]]:
     """Return those of the residuals, and of the hinge's own motion, that the motions determine."""
     home, there = "home" in pair.values, {*motions, *pair.values}
-    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(motions)).inputs <= there]
+    names = [
+        name for name in _ARRAY_NAMES if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= there
+    ]
     return arrays_of(pair, names, motions, shapes, np.dtype(np.float64))
 
 

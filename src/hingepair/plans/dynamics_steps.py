@@ -8,15 +8,15 @@ import operator
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Vector
-from hingepair.plans.steps import ARM_STEPS, Step, same
+from hingepair.plans.steps import HINGE_POINT_STEPS, Step, same
 
 
-def _nothing() -> Vector:
-    return 0.0, 0.0, 0.0
+def _zero_vector() -> Vector:
+    return eq.ZERO_VECTOR
 
 
-_LEVERS = (
-    *ARM_STEPS,
+_INERTIA_STEPS = (
+    *HINGE_POINT_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
     Step("hinge_to_centre2", eq.subtract, ("c2", "u2")),
@@ -43,7 +43,7 @@ _LEVERS = (
 )
 """Steps to the centres of mass, world axes, and to the inertias (D1-D6)."""
 
-_INVERSE = (
+_INVERSE_DYNAMICS_STEPS = (
     Step("f1", dyn.inertial_force, ("m1", "a1", "omega1", "alpha1", "centre1", "gravity")),
     Step("f2", dyn.inertial_force, ("m2", "a2", "omega2", "alpha2", "centre2", "gravity")),
     Step("t1", dyn.inertial_torque, ("S1", "I1", "omega1", "alpha1")),
@@ -59,7 +59,7 @@ _INVERSE = (
 )
 """Steps of inverse dynamics (D1-D5)."""
 
-_ENERGIES = (
+_ENERGY_AND_MOMENTUM_STEPS = (
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
     Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
     Step("R_centre1", eq.add, ("R1", "centre1")),
@@ -75,24 +75,24 @@ _ENERGIES = (
 )
 """Steps to energy and momentum (D7, D8)."""
 
-MASS_STEPS = (
-    *_LEVERS,
-    *_INVERSE,
+KNOWN_MOTION_STEPS = (
+    *_INERTIA_STEPS,
+    *_INVERSE_DYNAMICS_STEPS,
     Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "partial_velocity2", "inertia_about_R1")),
-    *_ENERGIES,
+    *_ENERGY_AND_MOMENTUM_STEPS,
 )
 """All steps from a known motion: its forces, the mass matrix, energy and momentum."""
 
-LOADS = ("force1", "torque1", "force2", "torque2", "hinge_torque")
+LOAD_NAMES = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
-MASSES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
+DYNAMICS_CONSTANT_NAMES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
 """Names of the constants that dynamics take: masses, centres of mass, inertias, gravity."""
-REQUIRED = ("force1", "torque1", "hinge_torque")
+INVERSE_DYNAMICS_OUTPUTS = ("force1", "torque1", "hinge_torque")
 """Names of the outputs of inverse dynamics."""
-MOVES = ("a1", "alpha1", "psidd")
+FORWARD_DYNAMICS_OUTPUTS = ("a1", "alpha1", "psidd")
 """Names of the outputs of forward dynamics."""
 
-_LOADED = (
+_NET_LOAD_STEPS = (
     Step("total_force", eq.add, ("force1", "force2")),
     Step("force", eq.subtract, ("total_force", "force1_bias")),
     Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
@@ -104,15 +104,15 @@ _LOADED = (
 )
 """Steps to the loads less the forces of a motion without accelerations."""
 
-_POINTS = {
+_POINT_INERTIA_STEPS_BY_BASE = {
     "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
-    "pinned": (Step("point", _nothing, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
+    "pinned": (Step("point", _zero_vector, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
     "carried": (Step("inertia_about_point", dyn.pair_inertia, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
 }
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
-_TURNING = (
+_ANGULAR_ACCELERATION_STEPS = (
     Step(
         "solution",
         dyn.angular_accelerations,
@@ -122,12 +122,12 @@ _TURNING = (
     Step("psidd", operator.itemgetter(1), ("solution",)),
     Step("pivot_ratios", operator.itemgetter(2), ("solution",)),
 )
-_SOLVED = {
+_ACCELERATION_STEPS_BY_BASE = {
     "free": (
         Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
         Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
              ("net_hinge_torque", "mass_fraction2", "partial_velocity2", "force")),
-        *_TURNING,
+        *_ANGULAR_ACCELERATION_STEPS,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
         Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
         Step("a1", dyn.reference_point_rate, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
@@ -135,45 +135,62 @@ _SOLVED = {
     "pinned": (
         Step("torque_at_point", same, ("torque",)),
         Step("hinge_torque_at_point", same, ("net_hinge_torque",)),
-        *_TURNING,
+        *_ANGULAR_ACCELERATION_STEPS,
         Step("a1", same, ("none",)),
     ),
     "carried": (Step("psidd", lambda torque, J: torque / J[2], ("net_hinge_torque", "inertia_about_point")),),
 }  # fmt: skip
 """Steps to the accelerations, by the base."""
 # The accelerations that are solved for, by the base.
-_SOLVED_OUTPUTS = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
+_UNKNOWN_ACCELERATIONS_BY_BASE = {
+    "free": ("a1", "alpha1", "psidd"),
+    "pinned": ("a1", "alpha1", "psidd"),
+    "carried": ("psidd",),
+}
 
 
-def lever_steps(base: str) -> tuple[Step, ...]:
-    """Return the steps to where the masses are, and to the point about which a pair turns; see `forward_steps`."""
-    return (*_LEVERS, *_POINTS[base])
+def inertia_steps(base: str) -> tuple[Step, ...]:
+    """Return the steps to centres of mass and inertias, also about the point that a pair with this base turns about.
+
+    `base` is as for `forward_dynamics_steps`.
+    """
+    return (*_INERTIA_STEPS, *_POINT_INERTIA_STEPS_BY_BASE[base])
 
 
 @functools.lru_cache(maxsize=64)
-def forward_steps(kinematics: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
-    """Return the steps to a1, alpha1 and psidd under the loads (D6), and to what follows from them.
+def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
+    """Return the steps from loads to a1, alpha1 and psidd (D6), and to all that depends on these; cached.
 
     Args:
-        kinematics: steps to S1, omega1 and what the hinge makes of them.
+        kinematic_steps: steps to S1, omega1 and to the motion of body 2.
         base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
     """
-    sought = _SOLVED_OUTPUTS[base]
-    still = {"a1": "none", "alpha1": "none", "psidd": "zero"}
-    bias = {name: still[name] for name in sought}
-    fixed, follows = [], []
-    for step in kinematics:
-        if step.result in sought:
+    unknown = _UNKNOWN_ACCELERATIONS_BY_BASE[base]
+    zero_names = {"a1": "none", "alpha1": "none", "psidd": "zero"}
+    bias_names = {name: zero_names[name] for name in unknown}
+    motion_steps, following_steps = [], []
+    for step in kinematic_steps:
+        if step.result in unknown:
             continue
-        if any(name in bias for name in step.arguments):
-            bias[step.result] = f"{step.result}_bias"
-            follows.append(step)
+        if any(name in bias_names for name in step.arguments):
+            bias_names[step.result] = f"{step.result}_bias"
+            following_steps.append(step)
         else:
-            fixed.append(step)
-    bias |= {step.result: f"{step.result}_bias" for step in _INVERSE}
-    at_rest = [
-        step._replace(result=bias[step.result], arguments=tuple(bias.get(name, name) for name in step.arguments))
-        for step in (*follows, *_INVERSE)
+            motion_steps.append(step)
+    bias_names |= {step.result: f"{step.result}_bias" for step in _INVERSE_DYNAMICS_STEPS}
+    bias_steps = [
+        step._replace(
+            result=bias_names[step.result], arguments=tuple(bias_names.get(name, name) for name in step.arguments)
+        )
+        for step in (*following_steps, *_INVERSE_DYNAMICS_STEPS)
     ]
-    none = (Step("none", _nothing, ()), Step("zero", float, ()))
-    return (*fixed, *lever_steps(base), *none, *at_rest, *_LOADED, *_SOLVED[base], *follows)
+    zero_steps = (Step("none", _zero_vector, ()), Step("zero", float, ()))
+    return (
+        *motion_steps,
+        *inertia_steps(base),
+        *zero_steps,
+        *bias_steps,
+        *_NET_LOAD_STEPS,
+        *_ACCELERATION_STEPS_BY_BASE[base],
+        *following_steps,
+    )

@@ -16,37 +16,37 @@ from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
-from hingepair.plans.dynamics_steps import LOADS, MASS_STEPS, forward_steps
+from hingepair.plans.dynamics_steps import KNOWN_MOTION_STEPS, LOAD_NAMES, forward_dynamics_steps
 from hingepair.plans.steps import (
-    ATTITUDE2_STEPS,
-    ATTITUDE_STEPS,
+    ATTITUDE1_STEPS_BY_INPUT,
+    ATTITUDE2_CHECK_STEPS,
+    ATTITUDE2_STEP_WITHOUT_HOME,
+    BODY2_STEPS,
     CONSTRAINT_STEPS,
-    COORDINATES,
-    GIVEN_S1,
-    HINGE_STEPS,
+    COORDINATE_NAMES,
+    COORDINATE_PART_NAMES,
+    COORDINATE_SPLIT_STEPS,
     JACOBIAN_STEPS,
-    LEVER_STEPS,
-    PARTS,
-    PLANAR_COORDINATES,
-    PLANAR_PARTS,
-    PLANAR_ROW_STEPS,
+    LEVER_CONSTANT_STEPS,
+    PLANAR_COORDINATE_NAMES,
+    PLANAR_COORDINATE_PART_NAMES,
+    PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_STEPS,
-    ROW_STEPS,
     SENSITIVITY_STEPS,
-    WITHOUT_HOME,
+    STEPS_FOR_GIVEN_S1,
     Step,
-    coordinate_steps,
+    coordinate_jacobian_steps,
     same,
 )
 from hingepair.rotations.sequences import find_sequence
 
 Tail: TypeAlias = tuple[int, ...]
-Terms: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
+TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
 # Shapes of one sample of everything that can be given or computed in space, by name.
-_SHAPES: Final[dict[str, Tail]] = {
+_SHAPE_BY_NAME: Final[dict[str, Tail]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
@@ -80,7 +80,7 @@ _SHAPES: Final[dict[str, Tail]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kind:
-    """A kind of motion, in space or in the plane: names and shapes of everything that can be given or computed.
+    """A kind of motion, in space or in a plane: names and shapes of all that can be given or computed.
 
     Attributes:
         coordinates: what the components of q are called.
@@ -97,29 +97,32 @@ class Kind:
 
 
 # The level at which an output of body 2 is a default output.
-_OF_BODY2 = {
+_BODY2_OUTPUT_LEVELS = {
     **dict.fromkeys(("R2", "S2", "d"), POSE),
     **dict.fromkeys(("v2", "omega2"), VELOCITY),
     **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
 }
-SPATIAL: Final = Kind(
-    COORDINATES, PARTS, _SHAPES, {**_OF_BODY2, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))}
+SPATIAL_MOTION: Final = Kind(
+    COORDINATE_NAMES,
+    COORDINATE_PART_NAMES,
+    _SHAPE_BY_NAME,
+    {**_BODY2_OUTPUT_LEVELS, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
-PLANAR: Final = Kind(
-    PLANAR_COORDINATES,
-    PLANAR_PARTS,
+PLANAR_MOTION: Final = Kind(
+    PLANAR_COORDINATE_NAMES,
+    PLANAR_COORDINATE_PART_NAMES,
     {
-        **_SHAPES,
+        **_SHAPE_BY_NAME,
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("q", "qd", "qdd"), (4,)),
     },
-    {{"S2": "phi2"}.get(name, name): level for name, level in _OF_BODY2.items()},
+    {{"S2": "phi2"}.get(name, name): level for name, level in _BODY2_OUTPUT_LEVELS.items()},
 )
 """Motion in two coordinates (E11)."""
 
-_LABELS = {
+_COMPONENT_NAMES_BY_STEP = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
     "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
     "turn1": ("sin_phi", "cos_phi"),
@@ -130,13 +133,13 @@ _LABELS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps that lead from what is given to the outputs, in order.
+    """The steps that compute some outputs from given values, in order.
 
     Attributes:
         outputs: names, in the order asked for.
         steps: what is computed.
         inputs: which of the given things are needed.
-        kind: SPATIAL or PLANAR.
+        kind: SPATIAL_MOTION or PLANAR_MOTION.
     """
 
     outputs: tuple[str, ...]
@@ -145,14 +148,14 @@ class Plan:
     kind: Kind
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on values by name; the results join the values."""
+        """Run the steps on values by name; add each result to `values`, and return them."""
         for result, function, arguments in self.steps:
             made = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, made, _LABELS.get(result))
+            name_components(result, made, _COMPONENT_NAMES_BY_STEP.get(result))
         return values
 
 
-NUMERIC: Final[Terms] = (angle_terms, hinge_terms)
+NUMERIC_TRIG_FUNCTIONS: Final[TrigFunctions] = (angle_terms, hinge_terms)
 """Functions by which floats and arrays make the sines and cosines of phi and of psi."""
 
 
@@ -160,27 +163,28 @@ NUMERIC: Final[Terms] = (angle_terms, hinge_terms)
 def make_plan(
     outputs: tuple[str, ...],
     sequence: str | None = "XYZ",
-    home: bool = True,
-    terms: Terms = NUMERIC,
-    kind: Kind = SPATIAL,
-    given: tuple[str, ...] = (),
+    has_home: bool = True,
+    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
+    kind: Kind = SPATIAL_MOTION,
+    given_names: tuple[str, ...] = (),
 ) -> Plan:
-    """Return the plan for some outputs.
+    """Return the plan that computes these outputs; cached, so that equal steps give the identical plan.
 
     Args:
-        outputs: their names.
+        outputs: names of the outputs.
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
-        home: whether C differs from the identity.
-        terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand. Exact
-            numbers (other terms than NUMERIC) go through LEVER_STEPS as well; doubles find them done in the pair.
-        kind: SPATIAL or PLANAR; the latter takes phi1 for the three angles.
-        given: what comes in beside the pair's constants: names out of the kind's shapes; nothing for the parts of
+        has_home: whether C differs from the identity.
+        trig_functions: functions that return (sin, cos) of the three angles, and (sin, 1 - cos) of psi. Exact
+            numbers, which have other functions than NUMERIC_TRIG_FUNCTIONS, go through LEVER_CONSTANT_STEPS as well;
+            for doubles, the pair has taken these steps already.
+        kind: SPATIAL_MOTION or PLANAR_MOTION; the latter takes phi1 for the three angles.
+        given_names: names of the inputs beside the pair's constants, out of the kind's shapes; empty for the parts of
             the coordinates and of body 1's motion, as far as they are needed.
 
     Returns:
         The same object where the same steps are taken, however they are asked for: programs and kernels hang on it.
     """
-    taken, _ = needed_steps(steps_of(sequence, home, terms, kind, given), outputs)
+    taken, _ = needed_steps(all_steps(sequence, has_home, trig_functions, kind, given_names), outputs)
     return _plan(taken, outputs, kind)
 
 
@@ -191,7 +195,7 @@ def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan
 
 @functools.lru_cache(maxsize=1024)
 def plan_loop(plan: Plan) -> Loop:
-    """Return the loop that runs a plan over samples."""
+    """Return the `Loop` that runs a plan over samples; cached by plan."""
     shapes = plan.kind.shapes
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
@@ -199,7 +203,7 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return the steps that lead to the outputs, and the names of what must be given for them."""
+    """Return the steps that lead to the outputs, in order, and the set of names that they take as inputs."""
     needed = set(outputs)
     taken = []
     for step in reversed(tuple(steps)):
@@ -211,13 +215,13 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 
 @functools.cache
-def default_outputs(level: int, kind: Kind = SPATIAL) -> tuple[str, ...]:
-    """Return the outputs that a level brings without being named."""
+def default_outputs(level: int, kind: Kind = SPATIAL_MOTION) -> tuple[str, ...]:
+    """Return the names of the outputs that are computed at this level unless outputs are named."""
     return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
 
 
-def check_outputs(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
-    """Return the names asked for, each once.
+def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
+    """Return the names of the outputs asked for, each once; raise an error unless all are known.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -229,44 +233,51 @@ def check_outputs(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
     if not names:
         raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs))
     for name in names:
-        if name not in known:
-            raise ArgumentError("outputs", choices(tuple(known)), quoted(name))
+        if name not in known_names:
+            raise ArgumentError("outputs", choices(tuple(known_names)), quoted(name))
     return names
 
 
 @functools.lru_cache(maxsize=256)
-def steps_of(
-    sequence: str | None, home: bool, terms: Terms = NUMERIC, kind: Kind = SPATIAL, given: tuple[str, ...] = ()
+def all_steps(
+    sequence: str | None,
+    has_home: bool,
+    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
+    kind: Kind = SPATIAL_MOTION,
+    given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
-    """Return the steps to everything that can be computed; the arguments are those of `make_plan`."""
-    if kind is PLANAR:
-        return (*(PLANAR_ROW_STEPS if "q" in given else ()), *_planar_steps(terms))
-    steps = [step for name in given for step in ATTITUDE_STEPS.get(name, ())]
-    steps += ATTITUDE2_STEPS if "S2" in given else ()
-    steps += [*(ROW_STEPS if "q" in given else ()), *_spatial_steps(sequence, home, terms)]
-    if not given:
+    """Return the steps to everything that can be computed; the parameters are those of `make_plan`; cached."""
+    if kind is PLANAR_MOTION:
+        return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
+    steps = [step for name in given_names for step in ATTITUDE1_STEPS_BY_INPUT.get(name, ())]
+    steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
+    steps += [
+        *(COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
+        *_spatial_steps(sequence, has_home, trig_functions),
+    ]
+    if not given_names:
         return tuple(steps)
-    if any(name in LOADS for name in given):
-        return forward_steps(tuple(steps))
-    steps += CONSTRAINT_STEPS if "S2" in given else MASS_STEPS
+    if any(name in LOAD_NAMES for name in given_names):
+        return forward_dynamics_steps(tuple(steps))
+    steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_STEPS
     steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
-        steps += coordinate_steps(sequence)
-    return tuple(step for step in steps if step.result not in given)
+        steps += coordinate_jacobian_steps(sequence)
+    return tuple(step for step in steps if step.result not in given_names)
 
 
-def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step, ...]:
-    """Return the steps to both bodies from body 1 and the hinge."""
-    angle_terms, hinge_terms = terms
-    if terms is NUMERIC:
+def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
+    """Return the kinematic steps to both bodies, from body 1's coordinates or attitude and the hinge angle."""
+    angle_terms, hinge_terms = trig_functions
+    if trig_functions is NUMERIC_TRIG_FUNCTIONS:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
-        arm = LEVER_STEPS[0] if home else Step("arm", same, ("u2",))
+        arm = LEVER_CONSTANT_STEPS[0] if has_home else Step("arm", same, ("u2",))
         steps = [
             Step("hinge", hinge_terms, ("psi",)),
             Step("cosine", eq.cosine_of_psi, ("hinge",)),
             arm,
-            *LEVER_STEPS[1:],
+            *LEVER_CONSTANT_STEPS[1:],
         ]
     if sequence == "XYZ":
         steps.append(Step("trig", angle_terms, ("phi",)))
@@ -281,20 +292,22 @@ def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step
             Step("omega1", order.angular_velocity, ("axes", "phid")),
             Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
         )
-    own = GIVEN_S1 if sequence is None else {}
-    for step in HINGE_STEPS:
-        steps += own.get(step.result, (step,))
-    return tuple(steps if home else [WITHOUT_HOME if step.result == "S2" else step for step in steps])
+    replaced_steps = STEPS_FOR_GIVEN_S1 if sequence is None else {}
+    for step in BODY2_STEPS:
+        steps += replaced_steps.get(step.result, (step,))
+    return tuple(
+        steps if has_home else [ATTITUDE2_STEP_WITHOUT_HOME if step.result == "S2" else step for step in steps]
+    )
 
 
-def _planar_steps(terms: Terms) -> tuple[Step, ...]:
-    """Return the steps to both bodies of a planar pair; `terms` make the sines and cosines of the two angles."""
-    if terms == NUMERIC:
+def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
+    """Return the steps to both bodies of a planar pair; trig_functions make sines and cosines of its angles."""
+    if trig_functions == NUMERIC_TRIG_FUNCTIONS:
         return PLANAR_STEPS
-    angle_terms, hinge_terms = terms
-    own: dict[str, Callable[..., Any]] = {
+    angle_terms, hinge_terms = trig_functions
+    replaced_functions: dict[str, Callable[..., Any]] = {
         "hinge": hinge_terms,
         "cosine": eq.cosine_of_psi,
         "turn1": lambda phi1: angle_terms((phi1,)),
     }
-    return tuple(step._replace(function=own.get(step.result, step.function)) for step in PLANAR_STEPS)
+    return tuple(step._replace(function=replaced_functions.get(step.result, step.function)) for step in PLANAR_STEPS)

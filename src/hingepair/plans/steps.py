@@ -17,7 +17,7 @@ from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
-    """One equation: result = function(*arguments), all by name."""
+    """One equation of a plan: result = function(*arguments), where result and arguments are names of values."""
 
     result: str
     function: Callable[..., Any]
@@ -25,20 +25,24 @@ class Step(NamedTuple):
 
 
 # Names of the components of q in space.
-COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 # Names of the parts of the coordinates and their derivatives in space.
-PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
-PLANAR_COORDINATES = ("x", "y", "phi", "psi")  # names of the components of q in the plane
-PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
+COORDINATE_PART_NAMES = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
+PLANAR_COORDINATE_NAMES = ("x", "y", "phi", "psi")  # names of the components of q in the plane
+PLANAR_COORDINATE_PART_NAMES = {
+    "q": ("R1", "phi1", "psi"),
+    "qd": ("v1", "phi1d", "psid"),
+    "qdd": ("a1", "phi1dd", "psidd"),
+}
 """Names of the parts of the coordinates and their derivatives in the plane."""
-COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
-    COORDINATES: {
-        "q": COORDINATES,
+COORDINATE_COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+    COORDINATE_NAMES: {
+        "q": COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
         "qdd": ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
     },
-    PLANAR_COORDINATES: {
-        "q": PLANAR_COORDINATES,
+    PLANAR_COORDINATE_NAMES: {
+        "q": PLANAR_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "phid", "psid"),
         "qdd": ("a1_x", "a1_y", "phidd", "psidd"),
     },
@@ -46,23 +50,23 @@ COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
 """Names of the columns, in files and data frames, that hold the coordinates and their derivatives."""
 
 # Steps to the parts of q, qd, qdd in space.
-ROW_STEPS = tuple(
+COORDINATE_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in PARTS.items()
+    for name, parts in COORDINATE_PART_NAMES.items()
     for part, place in zip(parts, (slice(0, 3), slice(3, 6), 6), strict=True)
 )
-PLANAR_ROW_STEPS = tuple(
+PLANAR_COORDINATE_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in PLANAR_PARTS.items()
+    for name, parts in PLANAR_COORDINATE_PART_NAMES.items()
     for part, place in zip(parts, (slice(0, 2), 2, 3), strict=True)
 )
 """Steps to the parts of q, qd, qdd in the plane."""
 
 
-def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
+def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
     """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
-    size = _largest_component(quat)
-    w, x, y, z = (c / size for c in quat)
+    scale = _largest_component(quat)
+    w, x, y, z = (c / scale for c in quat)
     length = square_root(w * w + x * x + y * y + z * z)
     return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
 
@@ -78,31 +82,31 @@ def _rotation_defect(S: eq.Matrix) -> Any:
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
 
-def _zero_quaternion(quat: tuple[Any, ...]) -> Any:
+def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
     """Return 2 of a quaternion whose components are all zero, else 0; of one that holds a NaN, 0."""
     size = sum(where_less(c, 0.0, -c, c) for c in quat)
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
 
-ATTITUDE_STEPS = {
+ATTITUDE1_STEPS_BY_INPUT = {
     "S1": (Step("attitude1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
-        Step("S1", _attitude_of, ("quat",)),
-        Step("attitude1_check", _zero_quaternion, ("quat",)),
+        Step("S1", _quaternion_rotation, ("quat",)),
+        Step("attitude1_check", _zero_quaternion_check, ("quat",)),
     ),
     "quat_wxyz": (
-        Step("S1", _attitude_of, ("quat_wxyz",)),
-        Step("attitude1_check", _zero_quaternion, ("quat_wxyz",)),
+        Step("S1", _quaternion_rotation, ("quat_wxyz",)),
+        Step("attitude1_check", _zero_quaternion_check, ("quat_wxyz",)),
     ),
 }
 """The attitude of body 1 out of what else it can be given as, and a number by which an attitude that is none is
 refused: of a matrix, its distance from a rotation; of a quaternion, whether it is zero."""
 
-ATTITUDE2_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
+ATTITUDE2_CHECK_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
 """Step to the distance of a given S2 from a rotation."""
 
-HINGE_STEPS = (
+BODY2_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
     Step("S2", eq.attitude2, ("S1", "Sh", "home")),
     Step("lever_moving", eq.lever_moving, ("lever_cos", "lever_sin", "hinge", "cosine")),
@@ -119,10 +123,10 @@ HINGE_STEPS = (
 )
 """Steps to body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
-ARM_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
+HINGE_POINT_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
 """Steps to the hinge point from either reference point, world axes; outputs do not need it, Jacobians do."""
 
-LEVER_STEPS = (
+LEVER_CONSTANT_STEPS = (
     Step("arm", eq.rotate, ("home", "u2")),
     Step("lever_sin", eq.cross, ("n", "arm")),
     Step("lever_cos", eq.cross, ("lever_sin", "n")),
@@ -131,9 +135,9 @@ LEVER_STEPS = (
 """What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
 precision, so that a plan in doubles starts from constants that are right to the last bit."""
 
-WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
+ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
-GIVEN_S1 = {
+STEPS_FOR_GIVEN_S1 = {
     "lever_by_psi": (
         Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
         Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),
@@ -181,10 +185,10 @@ def planar_velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2:
 
 
 def planar_acceleration2(
-    a1: Vector, turn1: tuple[Vector, Vector], r1: Vector, turn2: tuple[Vector, Vector], r2: Vector
+    a1: Vector, rates1: tuple[Vector, Vector], r1: Vector, rates2: tuple[Vector, Vector], r2: Vector
 ) -> Vector:
-    """Return a2 = a1 + r1'' - r2'' (E9), as E11 is differentiated twice; turn_i = (omega_i, alpha_i)."""
-    return eq.add(a1, eq.subtract(eq.point_acceleration(*turn1, r1), eq.point_acceleration(*turn2, r2)))
+    """Return a2 = a1 + r1'' - r2'' of a planar pair (E9, E11); rates_i = (omega_i, alpha_i)."""
+    return eq.add(a1, eq.subtract(eq.point_acceleration(*rates1, r1), eq.point_acceleration(*rates2, r2)))
 
 
 def together(*parts: Any) -> tuple[Any, ...]:
@@ -264,12 +268,12 @@ JACOBIAN_STEPS = (
 
 
 @functools.lru_cache(maxsize=64)
-def coordinate_steps(sequence: str) -> tuple[Step, ...]:
+def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
     """Return the steps to the Jacobian by the rates of the coordinates, and to its time derivative."""
-    order = find_sequence(sequence)
+    euler_sequence = find_sequence(sequence)
     return (
-        Step("own_turns", order.columns, ("axes",)),
-        Step("own_turn_rates", order.column_rates, ("axes", "phid")),
+        Step("own_turns", euler_sequence.columns, ("axes",)),
+        Step("own_turn_rates", euler_sequence.column_rates, ("axes", "phid")),
         Step("coordinate_jacobian", by.jacobian, ("own_turns", "d", "r2", "axis")),
         Step("d_rate", by.difference_rate, ("omega1", "r1", "omega2", "r2")),
         Step("both_d", together, ("d", "d_rate")),
@@ -312,7 +316,7 @@ def _component_quotient(parts: Components) -> Any:
 
 
 CONSTRAINT_STEPS = (
-    *ARM_STEPS,
+    *HINGE_POINT_STEPS,
     Step("h1", eq.rotate, ("S1", "n")),
     Step("e1_in_world", eq.rotate, ("S1", "e1")),
     Step("e2_in_world", eq.rotate, ("S1", "e2")),

@@ -29,20 +29,28 @@ from hingepair.equations.spatial import (
     transpose,
 )
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.plans.steps import ATTITUDE_STEPS
+from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
 
 Tail: TypeAlias = tuple[int, ...]
 
 # Shapes of the constants of the base.
-OF_BASE: Final = {"mass": (), "first": (3,), "second": (6,)}
+BASE_CONSTANT_SHAPES: Final = {"mass": (), "first": (3,), "second": (6,)}
 # Shapes of the constants of each joint.
-OF_JOINT: Final = {"S": (9,), "u": (3,), **OF_BASE, "armature": (), "multiplier": (), "offset": (), "smallest": ()}
-OF_FRAME: Final = {"R": (3,), "S": (9,)}
+JOINT_CONSTANT_SHAPES: Final = {
+    "S": (9,),
+    "u": (3,),
+    **BASE_CONSTANT_SHAPES,
+    "armature": (),
+    "multiplier": (),
+    "offset": (),
+    "smallest": (),
+}
+FRAME_CONSTANT_SHAPES: Final = {"R": (3,), "S": (9,)}
 """The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
 
 
 class Form(NamedTuple):
-    """The build of a robot: all that its programs depend on beside the values of its constants.
+    """The structure of a robot: its joints, and which of its constants are 0, 1 or -1; programs are made by form.
 
     Attributes:
         names: of the joints, as generated code may call them.
@@ -70,14 +78,14 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """Request for outputs of a tree of joints, computed from given inputs.
+    """What a program computes of a robot: names of outputs, the kind of base, frames, and links under load.
 
     Attributes:
-        outputs: names out of OUTPUTS.
+        outputs: names out of OUTPUT_BY_NAME.
         free: whether the base moves as forces have it; else as it is given.
         frames: the body of each frame.
         known: the constants of the frames that are 0, 1 or -1; None of all others.
-        loaded: places among the frames of the links that wrenches act on.
+        loaded: indices of the frames, of the links that wrenches act on.
     """
 
     outputs: tuple[str, ...]
@@ -88,7 +96,7 @@ class Request(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output: its own shape, the inputs that it takes beside the constants, and how it is made.
+    """An output that can be computed of a robot: its shape, the names of its inputs, and the function to make it.
 
     Attributes:
         tail: its shape, of the number of columns of velocity (dof, and 6 more of a free base) and of frames.
@@ -101,13 +109,13 @@ class Output(NamedTuple):
     make: Callable[[Computation], Any]
 
 
-def columns_of(form: Form, request: Request) -> int:
+def velocity_count(form: Form, request: Request) -> int:
     """Return the number of velocities: one for each coordinate, and six of a free base."""
     return form.dof + 6 * request.free
 
 
 class Computation:
-    """The recursions over one set of values, each run when it is first needed.
+    """Quantities of a robot for one set of values, each computed when it is first accessed.
 
     Args:
         form: the robot's build.
@@ -121,15 +129,15 @@ class Computation:
         numbers = iter(values["constants"])
         complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
         parts = iter(complete)
-        self.base = eq.Base(**_taken(parts, OF_BASE))
-        own = [_taken(parts, OF_JOINT) for _ in form.parents]
+        self.base = eq.Base(**_take_numbers(parts, BASE_CONSTANT_SHAPES))
+        own = [_take_numbers(parts, JOINT_CONSTANT_SHAPES) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in own]
         self.smallest = [joint.pop("smallest") for joint in own]
         self.links = [
             eq.Link(parent, slides, **joint)
             for parent, slides, joint in zip(form.parents, form.slides, own, strict=True)
         ]
-        self.frames = [(body, _taken(parts, OF_FRAME)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, FRAME_CONSTANT_SHAPES)) for body in request.frames]
 
     # ---- coordinates of joints, and what acts along them
 
@@ -159,16 +167,16 @@ class Computation:
         """No rate, of every joint."""
         return [0.0] * len(self.links)
 
-    def by_coordinates(self, efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
-        """Return the efforts by coordinate from those by joint: followers add theirs to their leader's."""
+    def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return the effort of each coordinate from those of all joints: followers add theirs to their leader's."""
         sums: list[Scalar] = [0.0] * self.form.dof
-        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, efforts, strict=True):
+        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
             sums[column] = sums[column] + effort * ratio
         return tuple(sums)
 
     @functools.cached_property
-    def places(self) -> list[eq.Placement]:
-        """Pose of each joint's body in its parent."""
+    def placements(self) -> list[eq.Placement]:
+        """Pose of each joint's body in its parent: rotation, and position of its reference point."""
         turns = [
             None if link.slides else (sine(value), cosine(value))
             for link, value in zip(self.links, self.q, strict=True)
@@ -182,13 +190,13 @@ class Computation:
     @functools.cached_property
     def poses(self) -> list[eq.Pose]:
         """The pose of every body."""
-        return self._named(eq.poses(self.links, self.places, self.values["S1"]), ("S", "d", "arm"))
+        return self._name_components(eq.poses(self.links, self.placements, self.values["S1"]), ("S", "d", "arm"))
 
     @functools.cached_property
     def rates(self) -> list[eq.Rates]:
         """The velocity of every body, world axes."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
-        return self._named(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
+        return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
     @functools.cached_property
     def changes(self) -> list[eq.Rates]:
@@ -202,7 +210,7 @@ class Computation:
 
     def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
         found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
-        return self._named(found, ("a", "alpha"))
+        return self._name_components(found, ("a", "alpha"))
 
     @functools.cached_property
     def frame_poses(self) -> list[eq.Pose]:
@@ -218,12 +226,12 @@ class Computation:
     @functools.cached_property
     def frame_changes(self) -> list[eq.Rates]:
         """The acceleration of every frame."""
-        return self._frame_changes(self.changes)
+        return self._frame_accelerations(self.changes)
 
-    def _frame_changes(self, changes: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return the accelerations of the frames, from the acceleration terms of the links that carry them."""
+    def _frame_accelerations(self, link_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
+        """Return (a, alpha) of every frame, from such terms of all bodies: their accelerations, or parts of them."""
         return [
-            eq.frame_acceleration(pose, self.rates[body][1], changes[body])
+            eq.frame_acceleration(pose, self.rates[body][1], link_accelerations[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
         ]
 
@@ -231,24 +239,29 @@ class Computation:
         """Return R of every frame."""
         return _chain_vectors(add(self.values["R1"], pose.d) for pose in self.frame_poses)
 
-    def _columns(self, own: Sequence[tuple[Vector, Vector]], base: Sequence[tuple[Vector, Vector]]) -> list[Any]:
-        """Return the columns of a Jacobian, six rows each, from those of the joints and of a free base."""
+    def _jacobian_columns(
+        self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
+    ) -> list[Any]:
+        """Return the columns of a Jacobian, 6 numbers each: those of the base, then one for each coordinate.
+
+        The columns of followers are added to their leader's.
+        """
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
-        for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, own, strict=True):
+        for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
             moved = (part * ratio for part in (*linear, *angular))
             sums[column] = tuple(a + b for a, b in zip(sums[column], moved, strict=True))
-        return [*((*linear, *angular) for linear, angular in base), *sums]
+        return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
     def jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row."""
+        """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row in one tuple."""
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
         own = eq.point_jacobian_columns(self.links, self.poses, body, d)
-        return _matrix_rows(self._columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
+        return _matrix_rows(self._jacobian_columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """Return (a, alpha) of the first frame where the derivatives of the Jacobian's velocities are 0."""
+        """Return (a, alpha) of the first frame where q'' is 0 and a free base has no acceleration."""
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change
-        a, alpha = self._frame_changes(self._changes(self.still, base))[0]
+        a, alpha = self._frame_accelerations(self._changes(self.still, base))[0]
         return (*a, *alpha)
 
     # ---- dynamics, base axes
@@ -258,80 +271,90 @@ class Computation:
         """World to base axes."""
         return transpose(self.values["S1"])
 
-    def _wrenches(
+    def _transmitted_wrenches(
         self,
         qd: Sequence[Scalar],
         qdd: Sequence[Scalar],
         omega: Vector,
         alpha: Vector,
         a: Vector,
-        loaded: bool = True,
+        with_loads: bool = True,
     ) -> list[eq.Wrench]:
-        """Return the wrench that each joint transmits, the base first, from the base's motion in its axes (T1-T3)."""
-        feels = eq.accelerations_in_own_axes(self.links, self.places, qd, qdd, omega, alpha, a)
-        self._named(feels, ("omega", "a", "B"))
+        """Return the wrench that each joint transmits, the base first, own axes (T1-T3); name its components.
+
+        omega, alpha and a are the base's, in its own axes; with_loads: whether the wrenches on links count.
+        """
+        feels = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
+        self._name_components(feels, ("omega", "a", "B"))
         own = eq.inertial_wrenches(self.base, self.links, feels)
-        for k, place in enumerate(self.request.loaded if loaded else ()):
+        for k, place in enumerate(self.request.loaded if with_loads else ()):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
             f, t = own[body]
             own[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
-        return self._named(eq.sum_inward(self.links, self.places, own), ("f", "t"))
+        return self._name_components(eq.sum_inward(self.links, self.placements, own), ("f", "t"))
 
     @functools.cached_property
-    def transmitted(self) -> list[eq.Wrench]:
-        """Wrench that each joint transmits during the given motion."""
+    def transmitted_wrenches(self) -> list[eq.Wrench]:
+        """Wrench that each joint transmits during the given motion, the base first, each in its body's axes."""
         omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
         falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
-        return self._wrenches(self.qd, self.qdd, omega, alpha, falling)
+        return self._transmitted_wrenches(self.qd, self.qdd, omega, alpha, falling)
 
     @functools.cached_property
-    def transmitted_bias(self) -> list[eq.Wrench]:
-        """Wrench that each joint transmits where the second derivatives are 0, those of a free base among them.
+    def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
+        """Wrench that each joint transmits where q'' is 0, and so are the accelerations of a free base.
 
-        A free base falls: gravity acts on everything alike and is left out until `free_accelerations`.
+        A free base falls: gravity acts on everything alike and is left out until the accelerations are solved for.
         """
         values, free = self.values, self.request.free
         omega = rotate(self.base_axes, values["omega1"])
         if free:
-            return self._wrenches(self.qd, self.still, omega, ZERO_VECTOR, ZERO_VECTOR)
+            return self._transmitted_wrenches(self.qd, self.still, omega, ZERO_VECTOR, ZERO_VECTOR)
         falling = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
-        return self._wrenches(self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling)
+        return self._transmitted_wrenches(
+            self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling
+        )
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Return tau of every coordinate."""
-        return self.by_coordinates(eq.driving_efforts(self.links, self.transmitted, self.qdd))
+        return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
         """Return force1 (0) or torque1 (1) on the base, world axes."""
-        return rotate(self.values["S1"], self.transmitted[0][kind])
+        return rotate(self.values["S1"], self.transmitted_wrenches[0][kind])
 
-    def bias_forces(self, moving: bool) -> tuple[Scalar, ...]:
-        """Return the forces that do not depend on second derivatives: of rates and gravity, or of gravity alone."""
+    def bias_forces(self, with_rates: bool) -> tuple[Scalar, ...]:
+        """Return the forces by coordinate where second derivatives are 0; those of gravity alone unless with_rates.
+
+        Those on a free base come first.
+        """
         values, still = self.values, ZERO_VECTOR
         if self.request.free:
             fall = rotate(self.base_axes, scale(values["gravity"], -1.0))
             alpha = still
         else:
-            fall = rotate(self.base_axes, subtract(values["a1"] if moving else still, values["gravity"]))
-            alpha = rotate(self.base_axes, values["alpha1"]) if moving else still
-        omega = rotate(self.base_axes, values["omega1"]) if moving else still
-        found = self._wrenches(self.qd if moving else self.still, self.still, omega, alpha, fall)
-        tau = self.by_coordinates(eq.along_axes(self.links, found))
+            fall = rotate(self.base_axes, subtract(values["a1"] if with_rates else still, values["gravity"]))
+            alpha = rotate(self.base_axes, values["alpha1"]) if with_rates else still
+        omega = rotate(self.base_axes, values["omega1"]) if with_rates else still
+        wrenches = self._transmitted_wrenches(self.qd if with_rates else self.still, self.still, omega, alpha, fall)
+        tau = self.efforts_by_coordinate(eq.along_axes(self.links, wrenches))
         if not self.request.free:
             return tau
-        return (*rotate(values["S1"], found[0][0]), *rotate(values["S1"], found[0][1]), *tau)
+        return (*rotate(values["S1"], wrenches[0][0]), *rotate(values["S1"], wrenches[0][1]), *tau)
 
     @functools.cached_property
     def composites(self) -> list[eq.Matter]:
-        """The matter of each body and of all beyond it."""
-        return self._named(eq.composites(self.base, self.links, self.places), ("mass", "first", "second"))
+        """Mass and moments of each body with all bodies beyond it, the base first."""
+        return self._name_components(
+            eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
+        )
 
     @functools.cached_property
     def mass_rows(self) -> list[list[Scalar]]:
-        """M below and on its diagonal, in the coordinates, those of a free base first."""
-        rows, on_base = eq.mass_matrix(self.links, self.places, self.composites)
+        """Rows of the mass matrix M up to the diagonal, by coordinate, those of a free base first."""
+        rows, on_base = eq.mass_matrix(self.links, self.placements, self.composites)
         dof, shift = self.form.dof, 6 * self.request.free
         sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(dof)]
         for i, (row, (force, torque)) in enumerate(zip(rows, on_base, strict=True)):
@@ -350,7 +373,7 @@ class Computation:
         return [*(eq.base_mass_rows(self.values["S1"], self.composites[0]) if shift else ()), *sums]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
-        """Return M, row by row."""
+        """Return all entries of the mass matrix M, row by row in one tuple."""
         rows = self.mass_rows
         size = range(len(rows))
         return tuple(rows[max(i, j)][min(i, j)] for i in size for j in size)
@@ -360,26 +383,26 @@ class Computation:
     @functools.cached_property
     def motor_loads(self) -> list[Scalar]:
         """Joint efforts tau less the bias, which accelerate the joints; for robots without mimic joints."""
-        bias = eq.along_axes(self.links, self.transmitted_bias)
+        bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
         return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
 
     @functools.cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
-        """Articulated bodies (T5)."""
-        return eq.eliminate_joints(self.base, self.links, self.places, _reciprocal)
+        """Elimination of every joint, and the articulated inertia of the base (T5)."""
+        return eq.eliminate_joints(self.base, self.links, self.placements, _reciprocal)
 
     @functools.cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
-        """a1, alpha1 (world axes, of a free base) and q''."""
-        return self._solved_densely() if self.form.mimics else self._solved_by_bodies()
+        """Solution of forward dynamics: a1, alpha1 (world axes, of a free base) and q'', NaN where M is singular."""
+        return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
-    def _solved_by_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by articulated bodies (T5); return a1, alpha1 and q''."""
+    def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
+        """Solve forward dynamics by articulated bodies (T5); return a1, alpha1 and q'', NaN where M is singular."""
         steps, base = self.articulated
-        left, (force, torque) = eq.accelerations_by_loads(self.links, self.places, steps, self.motor_loads)
+        left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
         a = alpha = ZERO_VECTOR
         if self.request.free:
-            f, t = self.transmitted_bias[0]
+            f, t = self.transmitted_bias_wrenches[0]
             values, back = self.values, self.base_axes
             loads = (
                 *subtract(rotate(back, values["force1"]), add(f, force)),
@@ -392,18 +415,20 @@ class Computation:
             )  # fmt: skip
             found, _ = solve_symmetric(lower, loads)
             a, alpha = found[:3], found[3:]
-        qdd = eq.joint_accelerations(self.links, self.places, steps, left, alpha, a)
-        return self._judged(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
+        qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
+        return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
 
     @functools.cached_property
     def pivots(self) -> tuple[Scalar, ...]:
         """Pivots of the factored mass matrix, one for each coordinate: 0 where M is singular."""
         if self.form.mimics:
-            return self._eliminated((0.0,) * columns_of(self.form, self.request))[1]
+            return self._solve_mass_matrix((0.0,) * velocity_count(self.form, self.request))[1]
         return tuple(step.pivot for step in self.articulated[0])
 
-    def _judged(self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-        """Return the accelerations, NaN where M is singular: where a pivot consists of rounding alone."""
+    def _nan_where_singular(
+        self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
+    ) -> tuple[tuple[Scalar, ...], ...]:
+        """Return (a + gravity, alpha, q''), all NaN where a pivot of M is no larger than its rounding."""
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
             limits[column] = limits[column] + own * ratio * ratio
@@ -414,20 +439,23 @@ class Computation:
         groups = (add(a, self.values["gravity"]), alpha, qdd)
         return tuple(tuple(part + doubt for part in group) for group in groups)
 
-    def _solved_densely(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve by M itself, eliminated from the tips inward, where entries between branches are zero."""
+    def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
+        """Solve forward dynamics by the mass matrix M; return a1, alpha1 and q'', NaN where M is singular.
+
+        M is eliminated from the tips inward, where entries between branches are zero.
+        """
         values, shift = self.values, 6 * self.request.free
-        bias = self.by_coordinates(eq.along_axes(self.links, self.transmitted_bias))
+        bias = self.efforts_by_coordinate(eq.along_axes(self.links, self.transmitted_bias_wrenches))
         loads = [load - own for load, own in zip(values["tau"], bias, strict=True)]
         if shift:
-            f, t = (rotate(values["S1"], part) for part in self.transmitted_bias[0])
+            f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
-        found, _ = self._eliminated(loads)
+        found, _ = self._solve_mass_matrix(loads)
         a, alpha = (found[:3], found[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
-        return self._judged(a, alpha, found[shift:])
+        return self._nan_where_singular(a, alpha, found[shift:])
 
-    def _eliminated(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Return the loads after the elimination of M, and the pivots of the coordinates."""
+    def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
+        """Return x of M x = loads, and the pivots of the coordinates without those of a free base."""
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
         found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
@@ -452,23 +480,25 @@ class Computation:
             force, _ = eq.axis_wrench(link.slides, matter)
             own.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
         base = eq.base_jacobian_columns(self.centre_from_base) if self.request.free else ()
-        return _matrix_rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
+        return _matrix_rows(self._jacobian_columns(own, base))[: 3 * velocity_count(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
-        """Return the acceleration of the centre of mass where the second derivatives are 0."""
+        """Return the acceleration of the centre of mass where q'' is 0 and a free base has no acceleration."""
         turning = (
             self.values["omega1"],
             *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change[::-1]),
         )
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
-        force = self._wrenches(self.qd, self.still, omega, alpha, a, loaded=False)[0][0]
+        force = self._transmitted_wrenches(self.qd, self.still, omega, alpha, a, with_loads=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
 
     @functools.cached_property
     def body_rates(self) -> list[eq.Rates]:
-        """The velocity of every body, its own axes."""
+        """The (v, omega) of every body in its own axes."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
-        return self._named(eq.velocities_in_own_axes(self.links, self.places, self.qd, v, omega), ("v", "omega"))
+        return self._name_components(
+            eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega), ("v", "omega")
+        )
 
     @functools.cached_property
     def momenta(self) -> list[eq.Wrench]:
@@ -487,18 +517,18 @@ class Computation:
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
         """P, and L about the base's reference point, world axes."""
-        P, L = eq.sum_inward(self.links, self.places, self.momenta)[0]
+        P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
-    def angular(self, about: Vector) -> Vector:
-        """Return L about a point; `about` leads from the point to the base's reference point."""
+    def angular(self, offset: Vector) -> Vector:
+        """Return the angular momentum L about the point from which `offset` leads to the base's reference point."""
         P, L = self.momentum
-        return add(L, cross(about, P))
+        return add(L, cross(offset, P))
 
-    def _named(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the values of every body for generated code, by letter and joint."""
-        for name, own in zip(("base", *self.form.names), values, strict=True):
-            for letter, part in zip(letters, own, strict=False):
+    def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
+        """Name the components of every body's values in generated code, such as omega_JOINT; return the values."""
+        for name, parts in zip(("base", *self.form.names), values, strict=True):
+            for letter, part in zip(letters, parts, strict=False):
                 name_components(f"{letter}_{name}", part)
         return values
 
@@ -513,10 +543,11 @@ def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
     return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
-def _taken(numbers: Any, tails: Mapping[str, Tail]) -> dict[str, Any]:
-    """Take the next numbers, and return them by name."""
+def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
+    """Take the next numbers of an iterator for each name; return them by name as numbers and tuples."""
     return {
-        name: tuple(next(numbers) for _ in range(tail[0])) if tail else next(numbers) for name, tail in tails.items()
+        name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
+        for name, shape in shapes.items()
     }
 
 
@@ -542,14 +573,14 @@ def _dof(form: Form, _: Request) -> Tail:
 
 
 def _velocities(*rows: int) -> Callable[[Form, Request], Tail]:
-    return lambda form, request: (*rows, columns_of(form, request))
+    return lambda form, request: (*rows, velocity_count(form, request))
 
 
-_POSE_INPUTS = ("q", "S1")  # of poses
-_VELOCITY_INPUTS = ("q", "qd", "S1", "omega1")  # of velocities
-_ACCELERATION_INPUTS = ("q", "qd", "qdd", "S1", "omega1", "alpha1")  # of accelerations
-_FORCE_INPUTS = (*_ACCELERATION_INPUTS, "a1", "gravity")  # of inverse dynamics
-_MOTION_INPUTS = (
+_POSE_INPUT_NAMES = ("q", "S1")  # of poses
+_VELOCITY_INPUT_NAMES = ("q", "qd", "S1", "omega1")  # of velocities
+_ACCELERATION_INPUT_NAMES = ("q", "qd", "qdd", "S1", "omega1", "alpha1")  # of accelerations
+_INVERSE_DYNAMICS_INPUT_NAMES = (*_ACCELERATION_INPUT_NAMES, "a1", "gravity")  # of inverse dynamics
+_FORWARD_DYNAMICS_INPUT_NAMES = (
     "q",
     "qd",
     "tau",
@@ -561,63 +592,69 @@ _MOTION_INPUTS = (
     "force1",
     "torque1",
 )  # of forward dynamics
-_BIAS_INPUTS = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
+_BIAS_FORCE_INPUT_NAMES = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
 
-OUTPUTS: Final[Mapping[str, Output]] = {
+OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "R": Output(_frames_shape(3), ("q", "R1", "S1"), Computation.frame_positions),
-    "S": Output(_frames_shape(3, 3), _POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
-    "d": Output(_frames_shape(3), _POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
-    "v": Output(_frames_shape(3), (*_VELOCITY_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_rates)),
+    "S": Output(_frames_shape(3, 3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
+    "d": Output(_frames_shape(3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
+    "v": Output(
+        _frames_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_rates)
+    ),
     "omega": Output(
-        _frames_shape(3), _VELOCITY_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_rates)
+        _frames_shape(3), _VELOCITY_INPUT_NAMES, lambda c: _chain_vectors(omega for _, omega in c.frame_rates)
     ),
     "a": Output(
-        _frames_shape(3), (*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_changes)
+        _frames_shape(3), (*_ACCELERATION_INPUT_NAMES, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_changes)
     ),
     "alpha": Output(
-        _frames_shape(3), _ACCELERATION_INPUTS, lambda c: _chain_vectors(alpha for _, alpha in c.frame_changes)
+        _frames_shape(3), _ACCELERATION_INPUT_NAMES, lambda c: _chain_vectors(alpha for _, alpha in c.frame_changes)
     ),
-    "jacobian": Output(_velocities(6), _POSE_INPUTS, Computation.jacobian),
-    "acceleration_bias": Output(_fixed(6), (*_VELOCITY_INPUTS, "a1", "alpha1"), Computation.acceleration_bias),
-    "tau": Output(_dof, _FORCE_INPUTS, Computation.efforts),
-    "force1": Output(_fixed(3), _FORCE_INPUTS, lambda c: c.base_wrench(0)),
-    "torque1": Output(_fixed(3), _FORCE_INPUTS, lambda c: c.base_wrench(1)),
+    "jacobian": Output(_velocities(6), _POSE_INPUT_NAMES, Computation.jacobian),
+    "acceleration_bias": Output(_fixed(6), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.acceleration_bias),
+    "tau": Output(_dof, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
+    "force1": Output(_fixed(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
+    "torque1": Output(_fixed(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
     "mass_matrix": Output(
-        lambda form, request: (columns_of(form, request),) * 2, _POSE_INPUTS, Computation.mass_matrix
+        lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
     ),
-    "bias_forces": Output(_velocities(), _BIAS_INPUTS, lambda c: c.bias_forces(True)),
+    "bias_forces": Output(_velocities(), _BIAS_FORCE_INPUT_NAMES, lambda c: c.bias_forces(True)),
     "gravity_forces": Output(_velocities(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
-    "qdd": Output(_dof, _MOTION_INPUTS, lambda c: c.solved[2]),
-    "a1": Output(_fixed(3), _MOTION_INPUTS, lambda c: c.solved[0]),
-    "alpha1": Output(_fixed(3), _MOTION_INPUTS, lambda c: c.solved[1]),
-    "pivots": Output(_dof, _POSE_INPUTS, lambda c: c.pivots),
+    "qdd": Output(_dof, _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[2]),
+    "a1": Output(_fixed(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[0]),
+    "alpha1": Output(_fixed(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[1]),
+    "pivots": Output(_dof, _POSE_INPUT_NAMES, lambda c: c.pivots),
     "centre_of_mass": Output(_fixed(3), ("q", "R1", "S1"), Computation.centre_of_mass),
-    "centre_of_mass_jacobian": Output(_velocities(3), _POSE_INPUTS, Computation.centre_of_mass_jacobian),
-    "centre_of_mass_bias": Output(_fixed(3), (*_VELOCITY_INPUTS, "a1", "alpha1"), Computation.centre_of_mass_bias),
-    "attitude_check": Output(_fixed(), ("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
-    "kinetic": Output(_fixed(), (*_VELOCITY_INPUTS, "v1"), Computation.kinetic),
+    "centre_of_mass_jacobian": Output(_velocities(3), _POSE_INPUT_NAMES, Computation.centre_of_mass_jacobian),
+    "centre_of_mass_bias": Output(
+        _fixed(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
+    ),
+    "attitude_check": Output(_fixed(), ("S1",), lambda c: ATTITUDE1_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])),
+    "kinetic": Output(_fixed(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
     "potential": Output(_fixed(), ("q", "R1", "S1", "gravity"), Computation.potential),
-    "linear": Output(_fixed(3), (*_VELOCITY_INPUTS, "v1"), lambda c: c.momentum[0]),
-    "angular_about_origin": Output(_fixed(3), (*_VELOCITY_INPUTS, "v1", "R1"), lambda c: c.angular(c.values["R1"])),
+    "linear": Output(_fixed(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.momentum[0]),
+    "angular_about_origin": Output(
+        _fixed(3), (*_VELOCITY_INPUT_NAMES, "v1", "R1"), lambda c: c.angular(c.values["R1"])
+    ),
     "angular_about_centre": Output(
-        _fixed(3), (*_VELOCITY_INPUTS, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))
+        _fixed(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))
     ),
 }
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_INPUT_SHAPES: Final[Mapping[str, Tail]] = {
+_BASE_AND_GRAVITY_SHAPES: Final[Mapping[str, Tail]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
 
 
 @functools.lru_cache(maxsize=512)
-def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
-    """Return the inputs of a request with their shapes, the constants first."""
+def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
+    """Return the shape of each input of a request by name, the constants first; cached."""
     names = set()
     for output in request.outputs:
-        own = OUTPUTS[output].inputs
+        own = OUTPUT_BY_NAME[output].inputs
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
         unknown = ("a1", "alpha1") if request.free and "qdd" not in own else ()
         names |= {name for name in own if name not in unknown}
@@ -625,23 +662,23 @@ def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             tails[name] = (form.dof,)
-    tails |= {name: tail for name, tail in _INPUT_SHAPES.items() if name in names}
+    tails |= {name: tail for name, tail in _BASE_AND_GRAVITY_SHAPES.items() if name in names}
     return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute the outputs of a request, by name, of values of any kind of scalar."""
+    """Return the outputs of a request by name, for values of any kind of scalar."""
     computation = Computation(form, request, values)
-    return {name: OUTPUTS[name].make(computation) for name in request.outputs}
+    return {name: OUTPUT_BY_NAME[name].make(computation) for name in request.outputs}
 
 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
-    """Return the loop that runs a request over samples."""
-    outputs = {name: OUTPUTS[name].tail(form, request) for name in request.outputs}
+    """Return the `Loop` that computes a request over samples; cached by form and request."""
+    outputs = {name: OUTPUT_BY_NAME[name].tail(form, request) for name in request.outputs}
     labels = {
         name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
         for name in ("q", "qd", "qdd", "tau")
     }
-    inputs = inputs_of(form, request)
+    inputs = input_shapes(form, request)
     return Loop("robot", functools.partial(compute_request, form, request), inputs, outputs, labels=labels)

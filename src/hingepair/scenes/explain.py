@@ -8,8 +8,8 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR, SPATIAL, default_outputs, make_plan, steps_of
-from hingepair.plans.steps import PARTS, WITHOUT_HOME
+from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, all_steps, default_outputs, make_plan
+from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, COORDINATE_PART_NAMES
 from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
@@ -80,12 +80,12 @@ def explain(
     pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
     """Return the ScenePlan for outputs of a motion; `motion_level` is the derivative order that the scene has."""
-    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+    kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
-    plan, others = make_plan(names, *form, kind=kind), [step.result for step in steps_of(*form, kind=kind)]
-    rows = dict(zip(PARTS, motion.derivatives, strict=False))
-    operations = count_operations(make_plan(names, *form, kind=kind, given=tuple(rows)), pair.constants, rows)
+    plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
+    rows = dict(zip(COORDINATE_PART_NAMES, motion.derivatives, strict=False))
+    operations = count_operations(make_plan(names, *form, kind=kind, given_names=tuple(rows)), pair.constants, rows)
     still, computed = {*constant} | {"u1", "u2", "n", "home", "lever_fixed", "lever_cos", "lever_sin"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
@@ -108,9 +108,9 @@ def explain(
         for name in others
         if name in _STEP_DESCRIPTIONS and name not in made
     ]
-    if motion.sequence is None and kind is SPATIAL:
+    if motion.sequence is None and kind is SPATIAL_MOTION:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
-    if WITHOUT_HOME in plan.steps:
+    if ATTITUDE2_STEP_WITHOUT_HOME in plan.steps:
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):
         if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):

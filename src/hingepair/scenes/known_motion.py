@@ -17,7 +17,14 @@ from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.steps import COLUMN_NAMES, COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
+from hingepair.plans.steps import (
+    COORDINATE_COLUMN_NAMES,
+    COORDINATE_NAMES,
+    COORDINATE_PART_NAMES,
+    COORDINATE_SPLIT_STEPS,
+    PLANAR_COORDINATE_NAMES,
+    PLANAR_COORDINATE_SPLIT_STEPS,
+)
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
 
@@ -70,7 +77,7 @@ class MotionByCoordinates:
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
         """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
-        names = tuple(COLUMN_NAMES[self._names].values())[order]
+        names = tuple(COORDINATE_COLUMN_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
@@ -100,9 +107,9 @@ class MotionByCoordinates:
 
     def constant_names(self) -> frozenset[str]:
         """Return the names of the coordinates, and of plan inputs made of them, that are equal at all instants."""
-        derivative_by_part = dict(zip(PARTS, self.derivatives, strict=False))
+        derivative_by_part = dict(zip(COORDINATE_PART_NAMES, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
-        for part, take, (name,) in ROW_STEPS if self.sequence else PLANAR_ROW_STEPS:
+        for part, take, (name,) in COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
             if name in derivative_by_part:
                 values[part] = take(derivative_by_part[name])
         return frozenset(name for name, value in values.items() if not _varies(value))
@@ -142,7 +149,7 @@ class MotionByCoordinates:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        return COORDINATES if self.sequence else PLANAR_COORDINATES
+        return COORDINATE_NAMES if self.sequence else PLANAR_COORDINATE_NAMES
 
     def _column(self, order: int, i: int) -> Float64Array:
         return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))

@@ -23,7 +23,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
+from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION, POSE, SPATIAL_MOTION, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, SampledScene
 from hingepair.scenes.known_motion import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
@@ -217,7 +217,7 @@ class Scene(SampledScene):
     @property
     def kind(self) -> Kind:
         """Whether the outputs are those of a plane or of space."""
-        return SPATIAL if isinstance(self.pair, HingePair) else PLANAR
+        return SPATIAL_MOTION if isinstance(self.pair, HingePair) else PLANAR_MOTION
 
     @property
     def sequence(self) -> str | None:
@@ -226,7 +226,7 @@ class Scene(SampledScene):
 
     def beside(self, level: int) -> tuple[str, ...]:
         """Return the additional output names that exist in space or in the plane, up to a derivative order."""
-        names = ADDITIONAL_SCENE_OUTPUT_NAMES if self.kind == SPATIAL else COORDINATE_OUTPUT_NAMES
+        names = ADDITIONAL_SCENE_OUTPUT_NAMES if self.kind == SPATIAL_MOTION else COORDINATE_OUTPUT_NAMES
         return tuple(name for name in names if _output_level(name) <= level)
 
     @property
@@ -320,7 +320,7 @@ class Scene(SampledScene):
         state_outputs, order = self._needed_outputs_and_order(names)
         known_motion = self.motion.source.part(rows, max(order, min_order))
         if state_outputs == ():
-            state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
+            state: PairState | PlanarState = (PairState if self.kind == SPATIAL_MOTION else PlanarState)({}, t.shape)
         else:
             state = known_motion.part(slice(None), order).forward_kinematics(self.pair, state_outputs, self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
@@ -362,7 +362,10 @@ class Scene(SampledScene):
             return report
         from hingepair.validation.simulated import compare_forces, compare_rates
 
-        whole, flat = self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair), self.kind == PLANAR
+        whole, flat = (
+            self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair),
+            self.kind == PLANAR_MOTION,
+        )
         part = whole.part(rows, ACCELERATION)
         loads = {name: load[rows] for name, load in motion.loads.items()}
         forces = compare_forces(

@@ -19,7 +19,7 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import ACCELERATION
-from hingepair.plans.steps import COORDINATES, PLANAR_COORDINATES
+from hingepair.plans.steps import COORDINATE_NAMES, PLANAR_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import read_instants_array
@@ -223,7 +223,7 @@ def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) 
 
 def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Return a callable of t that gives the BodyMotion of body 1 by the coordinates of [motion]."""
-    names = PLANAR_COORDINATES if isinstance(pair, PlanarPair) else COORDINATES
+    names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])
 
     def moved(t: Float64Array) -> BodyMotion:

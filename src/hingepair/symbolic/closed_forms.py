@@ -19,7 +19,7 @@ from hingepair.errors import ArgumentError
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
+from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, check_outputs, make_plan
 from hingepair.symbolic.exact_constants import MAX_SQUARE_DENOMINATOR, exact
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
@@ -86,8 +86,8 @@ class ClosedForms:
 
     @property
     def kind(self) -> Kind:
-        """Kind of the pair, PLANAR or SPATIAL."""
-        return PLANAR if self._planar else SPATIAL
+        """Kind of the pair, PLANAR_MOTION or SPATIAL_MOTION."""
+        return PLANAR_MOTION if self._planar else SPATIAL_MOTION
 
     @property
     def names(self) -> tuple[str, ...]:

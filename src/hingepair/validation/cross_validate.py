@@ -17,7 +17,7 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.forward_kinematics import read_pair_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR, SPATIAL
+from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
 from hingepair.validation.free_flyer import frame_motion, import_pinocchio
 from hingepair.validation.pinocchio_twin import PinocchioTwin, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
@@ -113,7 +113,7 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    given = read_pair_coordinates(PLANAR if planar else SPATIAL, q, qd, qdd).parts
+    given = read_pair_coordinates(PLANAR_MOTION if planar else SPATIAL_MOTION, q, qd, qdd).parts
     flat = _argument_arrays(given, np.shape(state.R2)[:-1])
     seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
     body1 = _body1_by_pinocchio(seven, "XYZ" if planar else sequence)

@@ -18,7 +18,7 @@ from hingepair.numeric.suspicions import angle_suspicions
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
-from hingepair.plans.steps import COORDINATES
+from hingepair.plans.steps import COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 DERIVATIVE_SUFFIXES: Final = ("", "d", "dd")
 """What is behind a joint's name in the columns of a log, by the order of the derivative."""
-BASE_COORDINATE_KEYS: Final = COORDINATES[:-1]
+BASE_COORDINATE_KEYS: Final = COORDINATE_NAMES[:-1]
 """The coordinates of the base, in the table [base]."""
 _MOTION_OPTION_KEYS: Final = ("constants", "file", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
