@@ -15,7 +15,7 @@ from hingepair.engine.backend import BreakEvenCounter, Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.results import Results
+from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, CompilationError, ShapeError
 
 GIVEN = {"unused": (2,), "m": (3, 3), "x": ()}
@@ -358,7 +358,7 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
 @pytest.mark.parametrize("lead", [(), (4,), (2, 2)], ids=str)
 def test_results_that_nobody_holds_can_be_written_to(lead, backend):
     one, values = call(backend), dict(zip(GIVEN, arrays([lead] * 3), strict=True))
-    for array in one.run(values, dict.fromkeys(GIVEN, lead)).writable_arrays().values():
+    for array in writable_arrays(one.run(values, dict.fromkeys(GIVEN, lead))).values():
         array[...] = 3.0
         assert (array == 3).all()
 

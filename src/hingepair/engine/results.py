@@ -42,15 +42,6 @@ class Results(Shown):
         """Return the arrays of all outputs by name."""
         return {name: self[name] for name in self._content[0]}
 
-    def writable_arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays of all outputs by name, made writable; for results that no caller holds."""
-        names, arrays, _ = self._content
-        for array in arrays:
-            for part in (getattr(array, "base", None), array):
-                if isinstance(part, np.ndarray):
-                    part.flags.writeable = True
-        return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
-
     def __getitem__(self, name: str) -> FloatArray:
         """Return an output by its name; outputs that are no attributes of the class are available here only.
 
@@ -94,6 +85,16 @@ class Results(Shown):
 
 
 _set_attribute = object.__setattr__
+
+
+def writable_arrays(results: Results) -> dict[str, FloatArray]:
+    """Make the arrays of results writable, and return them by name; for results that no user holds."""
+    names, arrays, _ = results._content
+    for array in arrays:
+        for part in (getattr(array, "base", None), array):
+            if isinstance(part, np.ndarray):
+                part.flags.writeable = True
+    return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
 
 
 def _user_view(array: Any) -> Any:

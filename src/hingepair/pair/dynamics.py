@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.calls import Call
+from hingepair.engine.results import writable_arrays
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
@@ -218,8 +219,7 @@ def compute_quantity(
     if call is not None and type(body1) is BodyMotion:
         state = call.fast_path(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
         if state is not None:
-            outputs: Iterable[FloatArray] = state.writable_arrays().values()
-            return outputs
+            return writable_arrays(state).values()
     massive = with_masses(what, constants, bodies)
     values: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
     for name, value in loads.items():
@@ -233,7 +233,7 @@ def compute_quantity(
     call = call_of(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
         constants.prepared[what] = call
-    return call.run(values, shapes).writable_arrays().values()  # type: ignore[no-any-return]
+    return writable_arrays(call.run(values, shapes)).values()
 
 
 def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constants:

@@ -16,6 +16,7 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
+from hingepair.engine.results import writable_arrays
 from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
@@ -87,8 +88,7 @@ def arrays_of(
 ) -> dict[str, NDArray[Any]]:
     """Return new arrays of what is computed of values, by name."""
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
-    arrays: dict[str, NDArray[Any]] = compute_state(pair, plan, values, shapes, dtype=dtype).writable_arrays()
-    return arrays
+    return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
