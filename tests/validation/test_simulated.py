@@ -47,7 +47,7 @@ force2 = [0.1, "0.2*t"]
 torque2 = 0.03
 """
 TIME = "[time]\nstart = 0\nstop = 1\nsamples = 101\n"
-BASES = {
+SIMULATION_BASE_NAMES = {
     "free": 'base = "free"\n',
     "pinned": 'base = "pinned"\n',
     "fixed": 'base = "fixed"\n',
@@ -65,7 +65,7 @@ def scene_of(folder, text, base, more=""):
     more += SPUN[text] + LOADED[text] if base in {"free", "pinned"} else ""
     carried = CARRIED[text] if base == "prescribed" else ""
     path = folder / "scene.toml"
-    path.write_text(text + more + BASES[base] + carried + TIME)
+    path.write_text(text + more + SIMULATION_BASE_NAMES[base] + carried + TIME)
     return hp.load_scene(path)
 
 
@@ -85,7 +85,7 @@ COMPARED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", [SPACE, PLANE], ids=["space", "plane"])
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("base", SIMULATION_BASE_NAMES)
 def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text):
     report = scenes(text, base).cross_validate()
     assert report.ok
@@ -127,8 +127,12 @@ CHANGES = {
 @pytest.mark.parametrize(
     ("base", "text", "change"),
     [
-        *(pytest.param(base, SPACE, change, id=f"{base}-space-{change}") for base in BASES for change in CHANGES),
-        *(pytest.param(base, PLANE, "all", id=f"{base}-plane-all") for base in BASES),
+        *(
+            pytest.param(base, SPACE, change, id=f"{base}-space-{change}")
+            for base in SIMULATION_BASE_NAMES
+            for change in CHANGES
+        ),
+        *(pytest.param(base, PLANE, "all", id=f"{base}-plane-all") for base in SIMULATION_BASE_NAMES),
     ],
 )
 def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, change):

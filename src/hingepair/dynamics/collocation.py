@@ -3,10 +3,9 @@
 The derivative is a polynomial of degree 7 through its values at the eight Gauss nodes of a step. The states at the
 nodes are found by fixed-point (Picard) iteration, or, where psi'' depends stiffly on psi and psi', by a simplified
 Newton method in these two. The error of a step is estimated by the last Legendre coefficients of the polynomial and
-by
-its residual between the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at a
-given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps
-quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
+by its residual between the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at
+a given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps quadratic
+invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
 Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
 """
 
@@ -28,23 +27,24 @@ StateRates: TypeAlias = Callable[[Array, Array], Array]
 
 NODE_COUNT: Final = 8
 """Nodes of a step."""
-_MAX_ITERATIONS: Final = 30  # of the states at the nodes; a step that needs more is too long
-_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
+_MAX_NODE_ITERATIONS: Final = 30  # of the states at the nodes; a step that needs more is too long
+_STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
 _MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
-_LENGTH_SCALE_DECAY = 0.9  # factor of the length by which errors of velocities are scaled, with each shorter step
-_NEWTON_REFRESH_PERIOD = 4  # iterations after which Newton's method computes the derivatives of psi'' again
-_CONTRACTION_CHECK_PERIOD = 4  # iterations after which the convergence of fixed points is checked
+# Factor of the length by which errors of velocities are scaled, with each shorter step.
+_LENGTH_SCALE_DECAY_PER_STEP = 0.9
+_ITERATIONS_PER_NEWTON_REFRESH = 4  # iterations after which Newton's method computes the derivatives of psi'' again
+_ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
 _MAX_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
-_MIN_STIFFNESS = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
-_DIFFERENCE_STEP_SIZE = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
+_MIN_NEWTON_STIFFNESS = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
+_PSIDD_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
 _MAX_SIMULTANEOUS_EVENTS = 8  # events at one instant; if more follow each other, the last is ignored
 # Of the usual length: in a shorter step the derivative jumps, and no step is better.
-_MIN_RELATIVE_STEP_LENGTH = 1e-12
+_MIN_STEP_LENGTH_RATIO = 1e-12
 
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
 NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
 """Nodes of a step from 0 to 1; shape (8,)."""
-_COEFFICIENTS_MATRIX: Final[Array] = np.stack(
+_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
     [
         (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
         for k in range(NODE_COUNT)
@@ -53,12 +53,12 @@ _COEFFICIENTS_MATRIX: Final[Array] = np.stack(
 """From values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
 
 
-_INTEGRAL_COEFFICIENTS_MATRIX: Final[Array] = (
+_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
     np.stack(
         [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
         axis=1,
     )
-    @ _COEFFICIENTS_MATRIX
+    @ _LEGENDRE_COEFFS_MATRIX
     / 2
 )
 """From values at the nodes to the coefficients of the Legendre series of their integral; shape (9, 8)."""
@@ -66,38 +66,38 @@ _INTEGRAL_COEFFICIENTS_MATRIX: Final[Array] = (
 
 def integration_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRAL_COEFFICIENTS_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRAL_LEGENDRE_COEFFS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _COEFFICIENTS_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _LEGENDRE_COEFFS_MATRIX
 
 
 _NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(NODE_TIMES)
 """From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
 NODE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
-CHECK_TIMES: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
+_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
 """Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
-_CHECK_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
+_NODE_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
 """Distances of neighbouring nodes and ends around each check time; shape (9, 1)."""
-_CHECK_INTEGRATION_MATRIX, _CHECK_INTERPOLATION_MATRIX = (
-    integration_matrix(CHECK_TIMES),
-    interpolation_matrix(CHECK_TIMES),
+_RESIDUAL_INTEGRATION_MATRIX, _RESIDUAL_INTERPOLATION_MATRIX = (
+    integration_matrix(_RESIDUAL_CHECK_TIMES),
+    interpolation_matrix(_RESIDUAL_CHECK_TIMES),
 )
 _NODE_DIFFERENTIATION_MATRIX: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRATION_MATRIX), np.float64)
 """From integrals at the nodes to the values there; shape (8, 8)."""
-_EVENT_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, CHECK_TIMES]))
+_EVENT_SAMPLE_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, _RESIDUAL_CHECK_TIMES]))
 """Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
-_EVENT_LEGENDRE_MATRIX: Final[Array] = np.asarray(
-    np.linalg.inv(legendre.legvander(2 * _EVENT_TIMES - 1, len(_EVENT_TIMES) - 1)), np.float64
+_EVENT_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.asarray(
+    np.linalg.inv(legendre.legvander(2 * _EVENT_SAMPLE_TIMES - 1, len(_EVENT_SAMPLE_TIMES) - 1)), np.float64
 )
 """From values at these times to the coefficients of their Legendre series; shape (17, 17)."""
 
 
 class TooStiffError(Exception):
-    """No step was short enough; `t` is where the last one began [s]."""
+    """The shortest possible step is still too long for the tolerance; `t` is where that step began [s]."""
 
     def __init__(self, t: float) -> None:
         super().__init__(t)
@@ -106,7 +106,7 @@ class TooStiffError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StepPolynomial:
-    """Polynomial of the state over one step."""
+    """Polynomial in time of the state over one step: its values at the start and its derivatives at the nodes."""
 
     start: float  # first instant of the step [s]
     length: float  # of the step [s]
@@ -119,7 +119,9 @@ class StepPolynomial:
 
 
 class Events(Protocol):
-    """Events at which the derivatives of the state change from one smooth function to another, or the state jumps."""
+    """Protocol of events at which the derivatives of the state change from one smooth function to another, or the
+    state jumps.
+    """
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Compute the distances of instants and states from each event, and the sizes that scale their rounding.
@@ -134,7 +136,9 @@ class Events(Protocol):
 
 @dataclass
 class Stepper:
-    """Stepper of one motion: makes steps as long as the tolerance allows, which end at events."""
+    """Stepper of one motion, which changes with every step: steps are as long as the tolerance allows, and end at
+    events.
+    """
 
     rates: StateRates  # derivatives of the state
     events: Events | None  # events, at which steps end; None where there are none
@@ -160,19 +164,21 @@ class Stepper:
         self.ended = False  # whether an event has ended the motion
 
     def step(self, stop: float) -> StepPolynomial | None:
-        """Make a step that goes neither past `stop` nor past an event; None where an event ends the motion at once.
+        """Make a step that goes neither past `stop` nor past an event; return its polynomial, None if an event ends
+        all at once.
 
-            The event at the end of the step is applied by `apply_pending_event`.
+        The time and the state of this object become those at the end of the step. The event there is applied by
+        `apply_pending_event`.
 
         Raises:
             TooStiffError: the shortest step is too long.
         """
-        end, applied, instant = stop, 0, np.spacing(max(abs(self.t), abs(stop)))
-        expected: int | None = None  # the event at which a longer step has ended
+        end, applied_count, time_rounding = stop, 0, np.spacing(max(abs(self.t), abs(stop)))
+        expected_event: int | None = None  # the event at which a longer step has ended
         while True:
             is_last = self.t + self.length * (1 + 1e-3) >= end
             length = end - self.t if is_last else self.length
-            if length <= 16 * instant:
+            if length <= 16 * time_rounding:
                 raise TooStiffError(self.t)
             self.trials += 1
             extra_times = self._extra_check_times(length)
@@ -180,38 +186,38 @@ class Stepper:
             error, good_share = (
                 (np.inf, 0.0)
                 if node_rates is None
-                else self._estimate_error(node_rates, length, 64 * instant, extra_times)
+                else self._estimate_error(node_rates, length, 64 * time_rounding, extra_times)
             )
             factor = (
                 _MIN_LENGTH_FACTOR
                 if not error < np.inf
-                else _LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
+                else _STEP_LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
             )
             next_length = length * min(max(factor, _MIN_LENGTH_FACTOR), _MAX_LENGTH_FACTOR)
             if node_rates is None or not error <= 1:
-                self.length = min(good_share, _LENGTH_SAFETY_FACTOR) * length if good_share else next_length
+                self.length = min(good_share, _STEP_LENGTH_SAFETY_FACTOR) * length if good_share else next_length
                 continue
             self.length = max(self.length, next_length) if is_last and end < stop else next_length
-            first_event = self._first_event(
-                node_rates, length, 64 * instant, extra_times, expected if is_last else None
+            first_event = self._find_first_event(
+                node_rates, length, 64 * time_rounding, extra_times, expected_event if is_last else None
             )
             if first_event is None:
                 break
             share, event = first_event
-            if share * length <= 32 * instant:  # it starts at an event
-                if applied == _MAX_SIMULTANEOUS_EVENTS:
+            if share * length <= 32 * time_rounding:  # it starts at an event
+                if applied_count == _MAX_SIMULTANEOUS_EVENTS:
                     first_event = None
                     break
                 self._apply_event(event)
                 if self.ended:
                     return None
-                applied, end, expected = applied + 1, stop, None
-            elif (1 - share) * length <= 32 * instant:
+                applied_count, end, expected_event = applied_count + 1, stop, None
+            elif (1 - share) * length <= 32 * time_rounding:
                 break
             else:
-                end, expected = self.t + share * length, event
+                end, expected_event = self.t + share * length, event
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
-        self._length_scale = max(length, _LENGTH_SCALE_DECAY * self._length_scale)
+        self._length_scale = max(length, _LENGTH_SCALE_DECAY_PER_STEP * self._length_scale)
         self.t = end if is_last else self.t + length
         self._advance(length * (NODE_WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
@@ -228,23 +234,26 @@ class Stepper:
         self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
 
-    def _apply_event(self, event: int) -> None:
-        """Apply an event to the present state; the motion may end."""
-        state = self.events.apply(event, self.t, self.state) if self.events else None
+    def _apply_event(self, event_index: int) -> None:
+        """Apply an event to the present state; set `ended` where the event ends the motion."""
+        state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return the times from 0 to 1 of a step of this length at which it is also checked, besides CHECK_TIMES."""
+        """Return the times, from 0 to 1 in a step of this length, at which the residual is checked besides those of
+        every step.
+        """
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])
 
-    def _first_event(
-        self, node_rates: Array, length: float, instant: float, extra_times: Array, expected: int | None
+    def _find_first_event(
+        self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return the share of a step after which the first event happens, and its index; None where none does.
+        """Return the share of a step (0 to 1) after which the first event happens, and the event's index; None where
+        none does.
 
         An expected event happens at the end of the step if only rounding may keep it from happening there.
         """
@@ -256,12 +265,12 @@ class Stepper:
                 self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
             )
 
-        times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
+        times = np.unique(np.hstack([_EVENT_SAMPLE_TIMES, extra_times]))
         values, sizes = distances(times)
         slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None]).max(axis=0) / length
-        margins = 2e-15 * sizes + instant * slopes
+        margins = 2e-15 * sizes + time_margin * slopes
         crossings = []
-        event_time_indices = np.searchsorted(times, _EVENT_TIMES)
+        event_time_indices = np.searchsorted(times, _EVENT_SAMPLE_TIMES)
         for event, margin in enumerate(margins):
             distance_at = functools.partial(lambda event, times: distances(times)[0][:, event], event)
             bracket = _bracket_crossing(
@@ -274,38 +283,42 @@ class Stepper:
                         event,
                     )
                 )
-        if not crossings and expected is not None and values[-1, expected] <= margins[expected]:
-            return 1.0, expected
+        if not crossings and expected_event is not None and values[-1, expected_event] <= margins[expected_event]:
+            return 1.0, expected_event
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add a change to the state by compensated summation."""
+        """Add a change to the present state by compensated summation."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
         self.state = state
 
     def _node_rates(self, length: float) -> Array | None:
-        """Compute the derivatives at the nodes of a step; None where the iteration does not converge."""
-        if self._stiffness(length) < _MIN_STIFFNESS:
+        """Compute the derivatives of the state at the nodes of a step, shape (8, k); None where no iteration
+        converges. Newton's method is used where fixed points fail.
+        """
+        if self._stiffness(length) < _MIN_NEWTON_STIFFNESS:
             self._hinge_derivatives = None
-            node_rates = self._iterate(length, newton=False)
+            node_rates = self._solve_nodes(length, use_newton=False)
             if node_rates is not None:
                 return node_rates
-        node_rates = self._iterate(length, newton=True)
+        node_rates = self._solve_nodes(length, use_newton=True)
         if node_rates is None:
             self._hinge_derivatives = None
         return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return how stiffly psi'' depends on psi and psi' in a step of this length; without unit."""
+        """Return the stiffness of psi'' in psi and psi' over a step of this length, a number without unit."""
         if self._hinge_derivatives is None:
             return 0.0
         by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._hinge_derivatives)
         return float(length * max(by_rate, np.sqrt(by_angle)))
 
-    def _iterate(self, length: float, newton: bool) -> Array | None:
+    def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
         """Iterate the states at the nodes by fixed points (Picard), or by a simplified Newton method in (psi, psi').
+        Return the derivatives at the nodes; None where the iteration does not converge, or the other method suits
+        better.
 
         For Newton's method the derivatives of psi'' by psi and psi' at each node are computed by differences; all
         other components are iterated by fixed points.
@@ -313,15 +326,15 @@ class Stepper:
         times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
         states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
-        for iteration in range(_MAX_ITERATIONS):
-            if newton and iteration % _NEWTON_REFRESH_PERIOD == 0:
+        for iteration in range(_MAX_NODE_ITERATIONS):
+            if use_newton and iteration % _ITERATIONS_PER_NEWTON_REFRESH == 0:
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if not iteration and not self._stiffness(length) > _MIN_STIFFNESS:
+                if not iteration and not self._stiffness(length) > _MIN_NEWTON_STIFFNESS:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
             node_rates = self.rates(times, states)
             new_states = self.state + length * (_NODE_INTEGRATION_MATRIX @ node_rates)
-            if newton:
+            if use_newton:
                 angle, rate = (new_states - states)[:, block].T
                 rate = inverse @ (rate + by_angle @ angle)
                 angle = angle + length * (_NODE_INTEGRATION_MATRIX @ rate)
@@ -331,7 +344,7 @@ class Stepper:
             if not change < np.inf:
                 return None
             if change <= 4e-16 or (change >= last_change / 2 and change <= 1e-3 * self.tol):
-                if newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
+                if use_newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
                     node_rates = node_rates.copy()
                     node_rates[:, block] = (
                         _NODE_DIFFERENTIATION_MATRIX @ (states[:, block] - self.state[block]) / length
@@ -340,13 +353,13 @@ class Stepper:
             if change > 2 * last_change and change > self.tol:
                 return None
             if (
-                not newton
+                not use_newton
                 and iteration
-                and iteration % _CONTRACTION_CHECK_PERIOD == 0
+                and iteration % _ITERATIONS_PER_CONTRACTION_CHECK == 0
                 and change > _MAX_CONTRACTION_RATIO * last_change
             ):
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if self._stiffness(length) > _MIN_STIFFNESS:
+                if self._stiffness(length) > _MIN_NEWTON_STIFFNESS:
                     return None
                 self._hinge_derivatives = None
             last_change = change
@@ -354,7 +367,7 @@ class Stepper:
 
     def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
         """Compute the derivatives of psi'' by psi and psi' at some instants; shape (m,) each."""
-        increments = _DIFFERENCE_STEP_SIZE * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
+        increments = _PSIDD_DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
         shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
         shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
@@ -362,14 +375,16 @@ class Stepper:
         return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
-        """Compute the matrices (8, 8) from residuals of psi' and of psi at the nodes to the change of psi'."""
+        """Return the two matrices (8, 8) of Newton's method, from residuals of psi' and of psi at the nodes to the
+        change of psi'.
+        """
         by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
         integrals = length * _NODE_INTEGRATION_MATRIX
         matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals * by_angle) @ integrals
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
-    def _filter_errors(self, errors: Array, length: float) -> Array:
-        """Return the part of errors of the rates times the length that stays in the state where psi'' is stiff."""
+    def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
+        """Return errors of the rates less the part that a stiff psi'' damps within the step; a copy, shape (m, k)."""
         if self._hinge_derivatives is None:
             return errors
         by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
@@ -379,7 +394,9 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes from the last step's polynomial, or its end."""
+        """Predict the derivatives at the nodes from the polynomial of the last step, or from its value at that step's
+        end.
+        """
         last_step = self._last_step
         if last_step is None:
             return np.zeros((NODE_COUNT, len(self.state)))
@@ -394,37 +411,40 @@ class Stepper:
         return np.where(self.rate_mask, self.sizes / length, self.sizes)
 
     def _estimate_error(
-        self, node_rates: Array, length: float, shortest: float, extra_times: Array
+        self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
-        """Estimate the error of the polynomial between the nodes, in units of the tolerance.
+        """Return an estimate of the error of the polynomial between the nodes, in units of the tolerance, and the
+        share of the step without such an error.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
             step up to which no check does; 0 elsewhere.
         """
-        jumps = length <= max(_MIN_RELATIVE_STEP_LENGTH * self._length_scale, shortest)
+        jumps = length <= max(_MIN_STEP_LENGTH_RATIO * self._length_scale, shortest_length)
         sizes = self._error_sizes(length if jumps else max(length, self._length_scale))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(self._filter_errors(_COEFFICIENTS_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
+        tails = np.abs(self._damp_stiff_errors(_LEGENDRE_COEFFS_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
         times, gaps, to_states, to_rates = (
-            CHECK_TIMES,
-            _CHECK_GAPS,
-            _CHECK_INTEGRATION_MATRIX,
-            _CHECK_INTERPOLATION_MATRIX,
+            _RESIDUAL_CHECK_TIMES,
+            _NODE_GAPS,
+            _RESIDUAL_INTEGRATION_MATRIX,
+            _RESIDUAL_INTERPOLATION_MATRIX,
         )
         if extra_times.size:
-            times, order = np.unique(np.hstack([CHECK_TIMES, extra_times]), return_index=True)
+            times, order = np.unique(np.hstack([_RESIDUAL_CHECK_TIMES, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
-            is_check_time = order < len(CHECK_TIMES)
-            gaps[is_check_time] = _CHECK_GAPS[order[is_check_time]]
+            is_check_time = order < len(_RESIDUAL_CHECK_TIMES)
+            gaps[is_check_time] = _NODE_GAPS[order[is_check_time]]
             to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
-        residuals = (np.abs(self._filter_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(axis=1)
+        residuals = (np.abs(self._damp_stiff_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(
+            axis=1
+        )
         worst = float(residuals.max())
         if worst <= 1 or not extra_times.size:
             return max(error, worst), 0.0
@@ -433,16 +453,16 @@ class Stepper:
 
 
 def _bracket_crossing(
-    times: Array, distances: Array, samples: Array, margin: float, distance_at: Callable[[Array], Array]
+    times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
     """Return two instants between which a distance first falls below -margin; None where it does not.
 
-    Between the instants it is searched where the polynomial through `samples`, the distances at _EVENT_TIMES, is
-    negative.
+    Between the instants it is searched where the polynomial through `sampled_distances`, the distances at
+    _EVENT_SAMPLE_TIMES, is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _EVENT_LEGENDRE_MATRIX @ samples
+    series = _EVENT_LEGENDRE_COEFFS_MATRIX @ sampled_distances
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
         return bracket
     series = np.asarray(
@@ -461,7 +481,9 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Find where between two instants a distance first is below 0 by more than rounding, as it is at the end."""
+    """Return the instant between two others at which a distance first is below 0 by more than rounding, as it is at
+    the end.
+    """
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)
         below = int(np.argmax(~(distance_at(times) >= -margin)))

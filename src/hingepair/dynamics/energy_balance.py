@@ -16,10 +16,8 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_MIN_IMPACT_RATE_CHANGE = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
-
-
-_WORK_CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
+_MIN_RELATIVE_IMPACT_CHANGE = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
+_INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
@@ -33,7 +31,7 @@ class StepRecord(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnergyBalance:
-    """Energy balance of a motion: the work of each load, and the energies; `print` shows a table.
+    """Energy balance of a motion: the work of each load, and the energies, at every instant; `print` shows a table.
 
     Attributes:
         t: instants [s]; shape (N,).
@@ -69,7 +67,9 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """Energy balance that is computed at the first call; copies and pickles hold the balance."""
+    """A callable that computes the energy balance at its first call and keeps it; copies and pickles hold the
+    balance.
+    """
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
         self._balance = balance
@@ -89,23 +89,23 @@ def energy_balance(
     initial_state: Array,
     steps: Sequence[StepRecord],
     t: Array,
-    space: HingePair,
+    spatial_pair: HingePair,
     gravity: tuple[float, ...],
     samples: MotionSamples,
 ) -> EnergyBalance:
-    """Compute the energy balance of a simulated motion.
+    """Compute the energy balance of a simulated motion: the work of each load by quadrature, and the energies.
 
     Args:
         motion: the equations of the motion.
         initial_state: the state at the first instant; shape (k,).
         steps: the steps.
         t: instants [s]; shape (N,).
-        space: the pair as a pair in space.
+        spatial_pair: the pair as a pair in space.
         gravity: acceleration of free fall [m/s^2].
         samples: the motion at the instants.
     """
     is_carried = "base" in motion.callable_names
-    pair = replace(space, body1=None) if is_carried else space
+    pair = replace(spatial_pair, body1=None) if is_carried else spatial_pair
     energies = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity)
     work: dict[str, Array] = {}
     if steps:
@@ -113,21 +113,21 @@ def energy_balance(
         starts = np.array([step.polynomial.start for step in steps])
         edges = np.unique(np.hstack([starts, elapsed]))
         chunks = []
-        for first in range(0, max(len(edges) - 1, 1), _WORK_CHUNK_INTERVALS):
-            chunk_edges = edges[first : first + _WORK_CHUNK_INTERVALS + 1]
+        for first in range(0, max(len(edges) - 1, 1), _INTERVALS_PER_WORK_CHUNK):
+            chunk_edges = edges[first : first + _INTERVALS_PER_WORK_CHUNK + 1]
             lengths = np.diff(chunk_edges)
             times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
             step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()
             states = np.stack(
                 [steps[i].polynomial.states_at(row) for i, row in zip(step_indices, times, strict=True)]
             )
-            nodes = _sample_steps(
+            nodes = _sample_within_steps(
                 motion,
                 t[0] + times.ravel(),
                 np.concatenate(states),
                 [steps[i] for i in step_indices for _ in NODE_TIMES],
             )
-            powers = _powers(pair, nodes, gravity, is_carried=is_carried)
+            powers = _powers_by_load(pair, nodes, gravity, is_carried=is_carried)
             chunks.append(
                 {name: lengths * (power.reshape(-1, NODE_COUNT) @ NODE_WEIGHTS) for name, power in powers.items()}
             )
@@ -149,17 +149,17 @@ def _body1_motion(samples: MotionSamples, **accelerations: Array) -> BodyMotion:
     return motion_of_rotations(R=motion.R1, S=motion.S1, v=motion.v1, omega=motion.omega1, **accelerations)
 
 
-def _sample_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
-    """Compute motion and loads at instants, each of which lies in a step of its own."""
+def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
+    """Compute motion and loads at n instants, each of which lies in the step that is given for it."""
     sides = np.array([step.side for step in steps])
     held, quats = np.array([step.held for step in steps]), np.array([step.quat for step in steps])
     return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)
 
 
-def _powers(
+def _powers_by_load(
     pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
 ) -> dict[str, Array]:
-    """Compute the power of each load [W]; shape (n,) each."""
+    """Compute the power of each load [W]; return arrays (n,) by name. With `is_carried`, body 1 moves as given."""
     motion, loads = samples.motion, samples.loads
     body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)
     state = pair.forward_kinematics_from_body1(body1, motion.psi, motion.psid, outputs=("R2", "v2", "omega2"))
@@ -201,12 +201,12 @@ def _impact_work(
         end_state = (
             initial_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
         )
-        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_IMPACT_RATE_CHANGE * (
+        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_RELATIVE_IMPACT_CHANGE * (
             1 + abs(end_state[column])
         ):
             continue
         states = np.stack([end_state, next_step.polynomial.state])
-        samples: Any = _sample_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])
+        samples: Any = _sample_within_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])
         kinetic = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity).kinetic
         work[t - t[0] > instant] += kinetic[1] - kinetic[0]
     return work

@@ -29,16 +29,20 @@ _LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT = "lower angle", "upper angle"
 _LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
 _RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
 _USER_EVENT_NAME = "until"  # as the argument of `simulate`
-_MIN_REBOUND_RATIO: Final = 0.01  # of the tolerance: a hinge that would rebound from a stop by less is held there
-_SIGN_TOLERANCE: Final = 1e-6  # of the largest value of the user's event in the first step: above, its sign counts
-_ZERO_VALUE_TOLERANCE: Final = 1e-12  # of the largest value of the user's event so far: below, an impact makes it 0
+# Of the tolerance: a hinge that would rebound from a stop by less is held there.
+_MIN_REBOUND_TOLERANCE_RATIO: Final = 0.01
+# Of the largest value of the user's event in the first step: above, its sign counts.
+_USER_EVENT_SIGN_TOLERANCE: Final = 1e-6
+# Of the largest value of the user's event so far: below, an impact makes it 0.
+_USER_EVENT_ZERO_TOLERANCE: Final = 1e-12
 _SAME_INSTANT_TOLERANCE: Final = 1e-13  # of the time: events at a smaller distance happen at once
 # Of the torques: by which the holding torque may exceed its limit, for rounding.
 _HOLDING_TORQUE_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
-    """Events of a hinge: distances from the next ones, and the state and branch of the torque after one.
+    """Events of a hinge: computes the distances from the next ones, and applies one to the state and the branch of
+    the torque.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -65,7 +69,7 @@ class HingeEvents:
         self._angle_interval = sum(kink < psi for kink in loads.kinks) + touches_lower_stop
         self._rate_interval = sum(kink < psid for kink in loads.rate_kinks)
         self._names: tuple[str, ...] = ()
-        self._set_side()
+        self._update_torque_branch()
         if psid == 0 and (self._friction or psi in self._rigid_stops):
             self._hold(0.0, motion.state)
 
@@ -75,7 +79,9 @@ class HingeEvents:
         return bool(self._motion.loads.kinks or self._motion.loads.rate_kinks or self._user_event)
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Compute the distances of instants and states from each event, and the sizes that scale their rounding."""
+        """Return the distances of instants and states from each event, (m, e), and the sizes (e,) that scale their
+        rounding. Keep the names of the events for `apply`.
+        """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
         if self._motion.held:
@@ -99,7 +105,7 @@ class HingeEvents:
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = values[np.abs(values) > _SIGN_TOLERANCE * np.abs(values).max()]
+                certain_values = values[np.abs(values) > _USER_EVENT_SIGN_TOLERANCE * np.abs(values).max()]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             size = float(np.abs(values).max())
             self._largest = max(self._largest, size)
@@ -108,13 +114,14 @@ class HingeEvents:
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
 
-    def apply(self, event: int, t: float, state: Array) -> Array | None:
-        """Apply an event to the branch and hold that this object keeps, and return the state after it.
+    def apply(self, event_index: int, t: float, state: Array) -> Array | None:
+        """Apply an event, by its index, to the branch and the hold of the motion; return the state after it, or None
+        where the motion ends.
 
         Returns:
             The state after the event, a copy; None where the motion ends.
         """
-        name, psi_index = self._names[event], self._motion.psi_index
+        name, psi_index = self._names[event_index], self._motion.psi_index
         state = state.copy()
         if name == _USER_EVENT_NAME:
             ends = self._ends_motion()
@@ -135,7 +142,7 @@ class HingeEvents:
             self._rate_interval += 1 if name == _UPPER_RATE_EVENT else -1
         else:
             self._release(1 if name == _RELEASE_UP_EVENT else -1)
-        self._set_side()
+        self._update_torque_branch()
         return state
 
     def _ends_motion(self) -> bool:
@@ -143,21 +150,22 @@ class HingeEvents:
         return bool(self._direction * self._sign <= 0)
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
-        """Return whether an impact, or friction that stops the hinge, ends the motion by a value of exactly 0.
+        """Return whether an impact, or friction that stops the hinge, ends the motion since the user's value is
+        exactly 0 there.
 
         From there the value may stay 0 or turn back, so that it might never pass 0.
         """
         if self._user_event is None or not self._sign:
             return False
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if abs(value) > _ZERO_VALUE_TOLERANCE * self._largest:
+        if abs(value) > _USER_EVENT_ZERO_TOLERANCE * self._largest:
             return False
         ends = self._ends_motion() and t - self._passed_at > _SAME_INSTANT_TOLERANCE * max(1.0, t)
         self._sign = 0.0
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Evaluate the user's event at some instants; shape (m,)."""
+        """Evaluate the user's event at some instants; shape (m,). Raise an error where it returns anything else."""
         result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
             raise DtypeError("until", "a number that passes 0, such as now.psi - 0.3", "a bool")
@@ -167,40 +175,44 @@ class HingeEvents:
             raise ShapeError("until", expected, values.shape)
         return np.array(values, np.float64)
 
-    def _set_side(self) -> None:
-        """Set the branch of the torque at the hinge on which the motion is."""
+    def _update_torque_branch(self) -> None:
+        """Set the motion's `side`, which selects the smooth branch of the hinge torque, from the present interval."""
         held = self._motion.held
         self._motion.side = (
-            _between(self._angle_kinks, self._angle_interval),
-            0.0 if held else _between(self._rate_kinks, self._rate_interval),
+            _value_in_interval(self._angle_kinks, self._angle_interval),
+            0.0 if held else _value_in_interval(self._rate_kinks, self._rate_interval),
         )
 
     def _release(self, direction: int) -> None:
-        """Release the hinge upwards (1) or downwards (-1)."""
+        """Release the hinge, so that it may turn upwards (1) or downwards (-1)."""
         self._motion.held = False
         if self._friction:
             self._rate_interval = self._rate_kinks.index(0.0) - (direction < 0)
-        self._set_side()
+        self._update_torque_branch()
 
     def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge, whose rate is 0, or release it where the holding torque exceeds its limits."""
+        """Hold the hinge, whose rate is 0, and keep the limits of its holding torque; release it if the torque
+        exceeds them.
+        """
         psi = float(state[self._motion.psi_index])
         lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
         highest = np.inf if psi in self._rigid_stops and not self._is_upper(psi) else self._friction
         self._motion.held = True
-        self._set_side()
+        self._update_torque_branch()
         torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
         margin = _HOLDING_TORQUE_TOLERANCE * (self._friction + abs(torque))
         if not lowest - margin <= torque <= highest + margin:
             self._release(-1 if torque > highest else 1)
         self._torque_limits = lowest, highest
 
-    def _is_upper(self, psi_index: float) -> bool:
+    def _is_upper(self, stop: float) -> bool:
         """Return whether a rigid stop is the upper one."""
-        return bool(self._angle_kinks[self._angle_interval + 1] == psi_index)
+        return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Reverse the hinge's rate at a rigid stop above (1) or below (-1), or hold the hinge there."""
+        """Reverse the hinge's rate in `state`, in place, at a rigid stop above (1) or below (-1), or hold the hinge
+        there.
+        """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
         state[psi_index + 1] *= -self._rigid_stops[stop]
@@ -209,16 +221,19 @@ class HingeEvents:
             self._hold(t, state)
             return
         self._rate_interval = sum(bound < rate for bound in self._rate_kinks[1:-1])
-        self._set_side()
+        self._update_torque_branch()
         pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
-        if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_RATIO * self._tol:
+        if (
+            pressing_acceleration > 0
+            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_TOLERANCE_RATIO * self._tol
+        ):
             state[psi_index + 1] = 0.0
             self._hold(t, state)
 
 
-def _between(kinks: tuple[float, ...], interval: int) -> float:
-    """Return a value between two neighbouring kinks, which may be infinite."""
-    lower, upper = kinks[interval : interval + 2]
+def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:
+    """Return a value inside an interval between two neighbouring kinks, of which one or both may be infinite."""
+    lower, upper = kinks[interval_index : interval_index + 2]
     if lower == -np.inf:
         return upper - 1 if upper < np.inf else 0.0
     return (lower + upper) / 2 if upper < np.inf else lower + 1

@@ -25,15 +25,14 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
 _RELATIVE_DIFFERENCE_STEP: Final = 1e-5  # of the size of each component of the state, for differences of order 4
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
-_MIN_POLE_RATIO: Final = 1e-5
-_MAX_NEWTON_STEPS = 200  # of the search for an equilibrium
-_MAX_NEWTON_CHANGE = 0.3  # rad: largest change of an angle in one of them
-_EQUILIBRIUM_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
+_MIN_RELATIVE_POLE_SIZE: Final = 1e-5
+_MAX_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
+_MAX_NEWTON_ANGLE_CHANGE = 0.3  # rad: largest change of an angle in one of them
+_EQUILIBRIUM_ANGLE_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
 
-_STATE_VECTOR_NAMES: Final = ("R", "P", "L", "phi")  # of the state of a free or pinned pair
-# Components of the state; a carried pair has the last two.
+# Components of the state of a free or pinned pair; a carried pair has the last two.
 _STATE_COMPONENT_NAMES: Final = (
-    *(f"{vector}_{axis}" for vector in _STATE_VECTOR_NAMES for axis in "xyz"),
+    *(f"{vector}_{axis}" for vector in ("R", "P", "L", "phi") for axis in "xyz"),
     "psi",
     "psid",
 )
@@ -104,7 +103,7 @@ def linearize(
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Linearize the motion about a state: natural frequencies and damping ratios of small motions.
+    """Linearize the motion about a state, and return its matrices, natural frequencies and damping ratios.
 
     The arguments are those of `simulate`, at one instant. Derivatives are differences of order 4.
 
@@ -163,7 +162,7 @@ def linearize(
     B = np.zeros(len(state))
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
-    poles = poles[(np.abs(poles) > _MIN_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
+    poles = poles[(np.abs(poles) > _MIN_RELATIVE_POLE_SIZE * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None
@@ -181,28 +180,29 @@ def linearize(
     )
 
 
-def _state_derivatives(motion: PairMotion, t: float, state: Array, columns: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Compute the derivatives of the rates of a state by some of its components, (k, m), and the rates, (k,)."""
-    increments = np.zeros((len(columns), len(state)))
-    increments[np.arange(len(columns)), columns] = (_RELATIVE_DIFFERENCE_STEP * motion.sizes)[columns]
+def _state_derivatives(
+    motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Return the derivatives of a state's rates by some of its components, shape (k, m), and the rates, (k,)."""
+    steps = (_RELATIVE_DIFFERENCE_STEP * motion.sizes)[component_indices]
+    increments = np.zeros((len(component_indices), len(state)))
+    increments[np.arange(len(component_indices)), component_indices] = steps
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
     rates = motion.rates(np.full(len(states), t), states)
-    before2, before, after, after2 = rates[:-1].reshape(4, len(columns), -1)
-    derivatives = (8 * (after - before) - (after2 - before2)) / (12 * increments[np.arange(len(columns)), columns])[
-        :, None
-    ]
+    before2, before, after, after2 = rates[:-1].reshape(4, len(component_indices), -1)
+    derivatives = (8 * (after - before) - (after2 - before2)) / (12 * steps)[:, None]
     return derivatives.T, rates[-1]
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Find the stable equilibrium near a state at rest, by Newton's method.
+    """Return the stable equilibrium near a state at rest, as a state, by Newton's method.
 
     Raises:
         ArgumentError: there is no equilibrium near.
     """
     rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
     coordinates = np.array([*rotations, motion.psi_index])
-    for _ in range(_MAX_NEWTON_STEPS):
+    for _ in range(_MAX_NEWTON_ITERATIONS):
         derivatives, rates = _state_derivatives(motion, t, state, coordinates)
         rate_indices = np.flatnonzero(motion.rate_mask)
         residual = rates[rate_indices] / motion.sizes[rate_indices]
@@ -213,13 +213,13 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
             0
         ]
         size = float(np.abs(change).max())
-        if size <= _EQUILIBRIUM_TOLERANCE and np.abs(residual).max() <= 1e-9 * max(
+        if size <= _EQUILIBRIUM_ANGLE_TOLERANCE and np.abs(residual).max() <= 1e-9 * max(
             1.0, float(np.abs(derivatives[rate_indices]).max())
         ):
             return state
         if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
             change, size = torques, float(np.abs(torques).max())
         state = state.copy()
-        state[coordinates] += change * min(1.0, _MAX_NEWTON_CHANGE / size)
+        state[coordinates] += change * min(1.0, _MAX_NEWTON_ANGLE_CHANGE / size)
         state = motion.restart_attitude(state)
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")

@@ -23,7 +23,7 @@ KinkSide: TypeAlias = tuple[Array | float, Array | float]
 
 
 class MotionAtInstants(NamedTuple):
-    """Motion of the pair at n instants: the argument `now` of loads that depend on it.
+    """Motion of the pair at n instants, which loads and events get as their argument `now`.
 
     Attributes:
         R1: reference point of body 1, world axes [m]; shape (n, 3).
@@ -46,7 +46,7 @@ class MotionAtInstants(NamedTuple):
 
 
 class Loads:
-    """Loads on a pair at any instants, checked.
+    """The loads on a pair, checked: evaluates constants and callables at any instants.
 
     Args:
         forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
@@ -66,7 +66,9 @@ class Loads:
         for name, load in self._callables.items():
             check_callable(name, load, "t", "now")
         constant_loads = {"gravity": gravity, **{name: load for name, load in forces.items() if not callable(load)}}
-        self.constants: dict[str, Any] = {name: self._constant(name, load) for name, load in constant_loads.items()}
+        self.constants: dict[str, Any] = {
+            name: self._checked_constant(name, load) for name, load in constant_loads.items()
+        }
         self._hinge = hinge_torque if callable(hinge_torque) else None
         if callable(hinge_torque):
             check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
@@ -81,17 +83,20 @@ class Loads:
         self.callable_names = tuple(self._callables) + (("hinge_torque",) if _has_callable(hinge_torque) else ())
         """Names of the loads that are callables, known only at the instants at which they are called."""
 
-    def changing_at(
+    def callables_at(
         self, t: Array, now: MotionAtInstants | None, psi: Array, psid: Array, side: KinkSide | None = None
     ) -> dict[str, Array]:
-        """Compute the callable loads by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
+        """Evaluate the loads that are callables; return forces and torques on the bodies, (n, 3), and hinge_torque,
+        (n,), by name.
 
         With a side, the torque of a HingeLoad is its smooth branch on that side of its kinks.
         """
         loads = {}
         for name, load in self._callables.items():
-            value = self._broadcast_load(name, call_with_arrays(name, load, t, now), (len(t), *self._tail(name)))
-            loads[name] = _to_space(value, len(self._tail(name))) if self._is_planar else value
+            value = self._broadcast_load(
+                name, call_with_arrays(name, load, t, now), (len(t), *self._load_shape(name))
+            )
+            loads[name] = _to_space(value, len(self._load_shape(name))) if self._is_planar else value
         if self._hinge is not None:
             if is_named(self._hinge) and side is not None:
                 torque: Any = self._hinge.smooth(side, t, psi, psid)
@@ -101,29 +106,29 @@ class Loads:
         return loads
 
     def all_at(self, t: Array, now: MotionAtInstants, side: KinkSide | None = None) -> dict[str, Array]:
-        """Compute all loads but gravity by name, including the parts of a HingeLoad.
+        """Evaluate all loads but gravity, including the parts of a HingeLoad; return them by name.
 
         Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
         friction_torque and stop_torque (n,).
         """
         constants = {name: np.array(load) for name, load in self.constants.items() if name != "gravity"}
         loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in constants.items()}
-        loads |= self.changing_at(t, now, now.psi, now.psid, side)
+        loads |= self.callables_at(t, now, now.psi, now.psid, side)
         if is_named(self._hinge):
             parts = self._hinge.parts(t, now.psi, now.psid, side)
             for part, torque in parts.items():
                 loads[f"{part}_torque"] = self._broadcast_load("hinge_torque", torque, t.shape)
         return loads
 
-    def _tail(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of a load, as users give it."""
+    def _load_shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of one value of a load as users give it: (3,), of a planar pair (2,) or () for torques."""
         if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
-    def _constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Check a constant load; return it as three components."""
-        tail = self._tail(name)
+    def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
+        """Check a constant force, torque or gravity; return its three components in space."""
+        tail = self._load_shape(name)
         if isinstance(load, int | float) and load == 0:
             return (0.0, 0.0, 0.0)
         value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
@@ -131,7 +136,9 @@ class Loads:
 
     @staticmethod
     def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Broadcast the result of a callable load to one value for each instant."""
+        """Broadcast the result of a callable load to one value for each instant; raise an error where it does not
+        fit.
+        """
         try:
             return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
         except (TypeError, ValueError):

@@ -48,7 +48,7 @@ HingeMotion: TypeAlias = Callable[[Array], Any]
 _CAYLEY_SLICE, _PSI_STATE_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
 
 # Components of the state by name.
-_STATE_INDICES = {
+_STATE_INDEX_BY_NAME = {
     "base_point": slice(0, 3),
     "momentum": slice(3, 6),
     "angular_momentum": slice(6, 9),
@@ -58,16 +58,16 @@ _STATE_INDICES = {
 }
 # Steps that take the components from the state.
 _UNPACK_STATE_STEPS = tuple(
-    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDICES.items()
+    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDEX_BY_NAME.items()
 )
-_ATTITUDE_STEPS = {
+_ATTITUDE_STEPS_BY_PLANARITY = {
     False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
     True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_SPIN_STEP = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
-_BASE_STEPS = {
+_ANGULAR_VELOCITY_STEP = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
+_MOMENTUM_RATE_STEPS_BY_BASE = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
         Step(
@@ -87,7 +87,7 @@ _BASE_STEPS = {
 }
 """Steps to the derivatives of base point and momenta, and to v1, by the kind of base."""
 # Steps from the loads to the derivatives of the state.
-_RATE_STEPS = (
+_STATE_RATE_STEPS = (
     Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("base_point", "point")),
     Step("initial_angular_momentum", dyn.pair_angular_momentum, ("inertia_about_point", "omega1", "psid")),
@@ -95,15 +95,12 @@ _RATE_STEPS = (
          ("velocity", "net_force", "net_torque", "g_rate", "psid", "psidd")),
 )  # fmt: skip
 
-_RATE_MASK: Final = np.repeat(
-    [False, True, False, True], [3, 6, 4, 1]
-)  # whether each component of the state is a velocity or a momentum
-_MOTION_OUTPUT_NAMES: Final = ("R1", "S1", "v1", "omega1")  # motion of body 1 that loads may depend on
-_BODY1_RATE_NAMES: Final = ("v1", "omega1", "a1", "alpha1")  # that are 0 for a fixed base
+# Whether each component of the state is a velocity or a momentum.
+_STATE_RATE_MASK: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
 
 
 class MotionSamples(NamedTuple):
-    """Samples of a simulated motion at n instants: motion, accelerations and loads."""
+    """Samples of a simulated motion at n instants: pose, velocities, accelerations and loads."""
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of body 1, scalar first; (n, 4)
@@ -117,7 +114,8 @@ class MotionSamples(NamedTuple):
 
 
 class PairMotion:
-    """Equations of motion of a pair: its state, the derivatives of the state, and the motion of a state.
+    """Equations of motion of a pair: the first state, the derivatives of any state, and the motion that a state
+    stands for.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -148,7 +146,8 @@ class PairMotion:
         self.side: tuple[float, float] = (0.0, 0.0)  # branch of the torque at the hinge, between its kinks
         self.held = False  # whether friction or a stop holds the hinge at rest
         R, S, v, omega, psi, psid = start
-        self._rest = {"R1": R, "S1": S, **dict.fromkeys(_BODY1_RATE_NAMES, np.zeros(3))} if base == "fixed" else {}
+        zero_rates = dict.fromkeys(("v1", "omega1", "a1", "alpha1"), np.zeros(3))
+        self._rest = {"R1": R, "S1": S, **zero_rates} if base == "fixed" else {}
         rest_values = {name: tuple(array.ravel().tolist()) for name, array in self._rest.items()}
         constants_by_name = masses | loads.constants | pair.constants.values | rest_values
         kind = str(base) if self._is_free_or_pinned else "carried"
@@ -166,19 +165,19 @@ class PairMotion:
             self.state, self.sizes, self.rate_mask, self.psi_index = (
                 np.array([psi, psid]),
                 np.ones(2),
-                _RATE_MASK[-2:],
+                _STATE_RATE_MASK[-2:],
                 0,
             )
             self._rate_call = self._acceleration_call = compile_call(None, "psidd")
             return
         check_resistance(pair.constants, (pair.body1, pair.body2))
         self._motion_call, self._rate_call = (
-            compile_call(is_planar, *_MOTION_OUTPUT_NAMES),
+            compile_call(is_planar, "R1", "S1", "v1", "omega1"),
             compile_call(is_planar, "state_rates"),
         )
         self._acceleration_call = compile_call(is_planar, "a1", "alpha1", "psidd")
         initial_call = compile_call(None, "point", "offset_velocity", "initial_angular_momentum")
-        initial = _run_call(initial_call, {"S1": S, "omega1": omega, "psi": psi, "psid": psid})
+        initial = _run_compiled_call(initial_call, {"S1": S, "omega1": omega, "psi": psi, "psid": psid})
         point, offset_velocity, angular = (initial[name] for name in initial_call.outputs)
         total_mass = masses["m1"] + masses["m2"]
         momentum = total_mass * (v - offset_velocity) if base == "free" else np.zeros(3)
@@ -187,11 +186,11 @@ class PairMotion:
         length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + total_mass * length**2
         self.sizes = np.repeat([length, total_mass * length, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
-        self.rate_mask, self.psi_index = _RATE_MASK, _PSI_STATE_INDEX
+        self.rate_mask, self.psi_index = _STATE_RATE_MASK, _PSI_STATE_INDEX
 
     @property
     def callable_names(self) -> tuple[str, ...]:
-        """Names of the arguments that are callables, of which nothing is known between the instants of evaluation."""
+        """Names of the given arguments that are callables, whose values between two evaluations are unknown."""
         return (
             *self.loads.callable_names,
             *["hinge"] * (self._hinge is not None),
@@ -206,11 +205,13 @@ class PairMotion:
         return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
     def rates(self, t: Array, states: Array) -> Array:
-        """Compute the derivatives of the state at some instants on the present branch of the torque; (m, k)."""
+        """Compute the derivatives of states at some instants on the present branch of the torque; shape (m, k). A
+        held hinge keeps its angle.
+        """
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))
         inputs = self._program_inputs(t, states, self._S0)
-        results = _run_call(self._rate_call, inputs | self._loads_at(t, inputs, self.side))
+        results = _run_compiled_call(self._rate_call, inputs | self._loads_at(t, inputs, self.side))
         if not self._is_free_or_pinned:
             return np.stack([inputs["psid"], (inputs if self._hinge else results)["psidd"]], axis=-1)
         rates: Array = results["state_rates"]
@@ -225,7 +226,7 @@ class PairMotion:
         return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
 
     def hinge_response(self, t: float, state: Array) -> float:
-        """Compute the derivative of psi'' by a torque at the hinge, of one state [rad/s^2 / (N m)]."""
+        """Compute the derivative of psi'' by a torque at the hinge, for one state [rad/s^2 / (N m)]."""
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         loads = self._loads_at(np.array([t]), inputs, self.side)
         increased = self._psidd(inputs, loads | {"hinge_torque": loads["hinge_torque"] + 1.0})
@@ -234,22 +235,22 @@ class PairMotion:
     def holding_torque(self, t: Array, states: Array) -> Array:
         """Compute the additional torque at the hinge that makes psi'' zero at some instants [N m]; shape (m,)."""
         inputs = self._program_inputs(t, states, self._S0)
-        return self._holding(inputs, self._loads_at(t, inputs, self.side), 0.0)
+        return self._torque_to_reach(inputs, self._loads_at(t, inputs, self.side), 0.0)
 
-    def changing_loads(self, t: Array, states: Array) -> dict[str, Array]:
+    def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
         """Compute the callable loads at some instants, on the present branch of the torque, by name."""
         return self._loads_at(t, self._program_inputs(t, states, self._S0), self.side)
 
     def motion_at(self, t: Array, states: Array) -> MotionAtInstants:
         """Compute the motion of the pair at some instants of the present step."""
-        return self._motion_of(self._program_inputs(t, states, self._S0))
+        return self._motion_from_inputs(self._program_inputs(t, states, self._S0))
 
     def _psidd(self, inputs: dict[str, Any], loads: dict[str, Array]) -> Array:
         """Compute psi'' [rad/s^2] from inputs and loads; shape (m,)."""
-        return np.asarray(_run_call(self._acceleration_call, inputs | loads)["psidd"])
+        return np.asarray(_run_compiled_call(self._acceleration_call, inputs | loads)["psidd"])
 
-    def _holding(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
-        """Compute the additional torque at the hinge that gives psi'' [N m]; psi'' is linear in the torque."""
+    def _torque_to_reach(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
+        """Compute the torque to add at the hinge so that psi'' is as given [N m]; psi'' is linear in that torque."""
         torque = loads["hinge_torque"]
         required = psidd - self._psidd(inputs, loads)
         slope = self._psidd(inputs, loads | {"hinge_torque": torque + 1.0}) - (psidd - required)
@@ -260,7 +261,7 @@ class PairMotion:
         return np.asarray(added)
 
     def restart_attitude(self, state: Array) -> Array:
-        """Return the state for the next step, with g = 0; the rotation of this step goes into the stored attitude."""
+        """Move the rotation of a finished step from the state to the stored attitude; return the state with g = 0."""
         if self._is_planar or not self._is_free_or_pinned:
             return state
         self.quat = _rotate_by_cayley(state[_CAYLEY_SLICE], self.quat)
@@ -270,7 +271,7 @@ class PairMotion:
         return state
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
-        """Compute the motion and the loads at n instants.
+        """Compute the motion and the loads at n instants, which may lie in different steps.
 
         Args:
             t: instants; shape (n,).
@@ -285,21 +286,23 @@ class PairMotion:
             S0, states = quaternions_to_matrices(quats).reshape(-1, 9), states.copy()
             states[:, _CAYLEY_SLICE] = 0.0
         inputs = self._program_inputs(t, states, S0)
-        motion = self._motion_of(inputs)
-        changing_loads = self._loads_at(t, inputs, side)
+        motion = self._motion_from_inputs(inputs)
+        callable_loads = self._loads_at(t, inputs, side)
         loads = self.loads.all_at(t, motion, side)
         if self._hinge:
-            loads["hinge_torque"] = loads["motor_torque"] = self._holding(inputs, changing_loads, inputs["psidd"])
-            changing_loads |= {"hinge_torque": loads["hinge_torque"]}
+            loads["hinge_torque"] = loads["motor_torque"] = self._torque_to_reach(
+                inputs, callable_loads, inputs["psidd"]
+            )
+            callable_loads |= {"hinge_torque": loads["hinge_torque"]}
         elif held.any():
-            torque = np.where(held, self._holding(inputs, changing_loads, 0.0), 0.0)
-            changing_loads |= {"hinge_torque": changing_loads["hinge_torque"] + torque}
-            loads |= {"hinge_torque": changing_loads["hinge_torque"]}
+            torque = np.where(held, self._torque_to_reach(inputs, callable_loads, 0.0), 0.0)
+            callable_loads |= {"hinge_torque": callable_loads["hinge_torque"] + torque}
+            loads |= {"hinge_torque": callable_loads["hinge_torque"]}
             friction = np.clip(torque, -self.loads.friction, self.loads.friction)
             for name, part in (("friction_torque", friction), ("stop_torque", torque - friction)):
                 if name in loads:
                     loads[name] = loads[name] + part
-        results = self._rest | inputs | _run_call(self._acceleration_call, inputs | changing_loads).arrays()
+        results = self._rest | inputs | _run_compiled_call(self._acceleration_call, inputs | callable_loads).arrays()
         if self._is_free_or_pinned:
             phi = states[:, _CAYLEY_SLICE][:, 2]
         else:
@@ -312,7 +315,9 @@ class PairMotion:
         return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
 
     def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
-        """Return the inputs of programs at some instants: the state, and given motions of body 1 and the hinge."""
+        """Return the inputs of programs at some instants by name: the state, and given motions of body 1 and the
+        hinge.
+        """
         hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
         if self._hinge:
             hinge = dict(zip(("psi", "psid", "psidd"), hinge_motion(self._hinge, t), strict=True))
@@ -336,18 +341,20 @@ class PairMotion:
 
     def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
         """Compute the callable loads at some instants, by name."""
-        motion = self._motion_of(inputs) if self.loads.need_motion else None
-        return self.loads.changing_at(t, motion, inputs["psi"], inputs["psid"], side)
+        motion = self._motion_from_inputs(inputs) if self.loads.need_motion else None
+        return self.loads.callables_at(t, motion, inputs["psi"], inputs["psid"], side)
 
-    def _motion_of(self, inputs: dict[str, Any]) -> MotionAtInstants:
-        """Compute the motion of the pair from inputs of programs."""
-        values = inputs | (_run_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest)
+    def _motion_from_inputs(self, inputs: dict[str, Any]) -> MotionAtInstants:
+        """Compute the motion of the pair, without accelerations, from inputs of programs."""
+        values = inputs | (
+            _run_compiled_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest
+        )
         shapes = {name: (len(inputs["psi"]), *SPATIAL_MOTION.shapes[name]) for name in MotionAtInstants._fields}
         return MotionAtInstants(*(np.broadcast_to(values[name], shape).copy() for name, shape in shapes.items()))
 
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
-    """Call a given motion of the hinge at instants (n,); return psi, psi' and psi'', (n,) each."""
+    """Call the given motion of a hinge at instants (n,), and check it; return psi, psi' and psi'', (n,) each."""
     values = call_with_arrays("hinge", hinge, t)
     try:
         psi, psid, psidd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
@@ -357,8 +364,8 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
     return psi, psid, psidd
 
 
-def _run_call(call: Call, values: Mapping[str, Any]) -> Any:
-    """Return the results of a call for values by name."""
+def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
+    """Return the results of a compiled call for values by name."""
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
     results = call.fast_path(*arrays.values())
     if results is not None:
@@ -369,29 +376,31 @@ def _run_call(call: Call, values: Mapping[str, Any]) -> Any:
 
 
 @functools.cache
-def _make_state_plan(base: str, is_planar: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
-    """Make the plan from the state, or from S1, omega1, psi and psi' where `is_planar` is None, to some outputs."""
-    hinge, body1_steps = all_steps(None, home), list[Step]()
+def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs: tuple[str, ...]) -> Plan:
+    """Return the cached plan from the state to some outputs; where `is_planar` is None, from S1, omega1, psi and
+    psi'.
+    """
+    hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
-        attitude, rate = _ATTITUDE_STEPS[is_planar]
+        attitude, rate = _ATTITUDE_STEPS_BY_PLANARITY[is_planar]
         attitude_count = [step.result for step in hinge].index("omega2")
         body1_steps = [
             *_UNPACK_STATE_STEPS,
             attitude,
             *hinge[:attitude_count],
             *inertia_steps(base),
-            _SPIN_STEP,
+            _ANGULAR_VELOCITY_STEP,
             rate,
         ]
     steps = forward_dynamics_steps((*body1_steps, *hinge), base)
     if base != "carried":
-        steps = (*steps, *_RATE_STEPS[:1], *_BASE_STEPS[base], *_RATE_STEPS[1:])
+        steps = (*steps, *_STATE_RATE_STEPS[:1], *_MOMENTUM_RATE_STEPS_BY_BASE[base], *_STATE_RATE_STEPS[1:])
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
     return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION)
 
 
 def _check_hinge_inertia(pair: HingePair) -> None:
-    """Refuse a body 2 without inertia about the hinge axis."""
+    """Raise an ArgumentError if body 2 has no inertia about the hinge axis."""
     body2: Any = pair.body2
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
@@ -401,7 +410,7 @@ def _check_hinge_inertia(pair: HingePair) -> None:
 
 
 def _rotate_by_cayley(g: Array, quats: Array) -> Array:
-    """Rotate attitudes, unit quaternions (..., 4) with the scalar first, by Cayley coordinates (..., 3)."""
+    """Return attitudes, unit quaternions (..., 4) with the scalar first, rotated by Cayley coordinates (..., 3)."""
     x, y, z = np.moveaxis(g / 2, -1, 0)
     w, i, j, k = np.moveaxis(quats, -1, 0)
     products = np.stack(quaternion_product((1.0, x, y, z), (w, i, j, k)), axis=-1)

@@ -33,16 +33,18 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-BASES: Final = ("free", "pinned", "fixed")
+SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
-_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
-_PLANAR_EXAMPLE = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # a start in the plane, in messages
-_MIN_STOP_DEPTH = 0.02  # rad past a stop, from which on a warning or a note reports it
+_STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
+_PLANAR_START_EXAMPLE_TEXT = (
+    "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # a start in the plane, in messages
+)
+_MIN_REPORTED_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
 _REFERENCE_TOLERANCE_FACTOR = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
 _MIN_LOAD_EVALUATIONS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
 _REFERENCE_EVALUATION_FACTOR: Final = 4.3  # of these evaluations: those of the second run
-_PROGRESS_CHECK_PERIOD = 1000  # trial steps after which progress is checked
-_MAX_STEP_TRIALS = 1e6  # trial steps; a motion that needs more by its progress is refused
+_TRIALS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
+_MAX_REMAINING_TRIALS = 1e6  # trial steps; a motion that needs more, by its progress so far, is refused
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -64,7 +66,7 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Fields and methods of simulated motions in addition to those of a trajectory."""
+    """Base class of simulated motions: fields and methods in addition to those of a trajectory."""
 
     body1: BodyMotion
     psid: Array
@@ -236,8 +238,8 @@ def simulate(
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
-    if not _TOLERANCE_RANGE[0] <= tolerance <= _TOLERANCE_RANGE[1]:
-        raise ArgumentError("tol", f"a number from {_TOLERANCE_RANGE[0]} to {_TOLERANCE_RANGE[1]}", tol)
+    if not _STEP_TOLERANCE_RANGE[0] <= tolerance <= _STEP_TOLERANCE_RANGE[1]:
+        raise ArgumentError("tol", f"a number from {_STEP_TOLERANCE_RANGE[0]} to {_STEP_TOLERANCE_RANGE[1]}", tol)
     is_planar = space is not pair
     gravity = (PLANAR_GRAVITY if is_planar else GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
@@ -253,14 +255,12 @@ def simulate(
     if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
         expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
         raise ArgumentError("psi_0", expected, psi_0)
-    execution = execution_of(backend, 1)
 
-    # Simulate at a tolerance; return the motion, the first state, the steps, the samples, and whether the user's
-    # event ended the motion.
     def run_simulation(
         tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        motion = PairMotion(space, base, is_planar, start, loads, execution, given_motion)
+        """Simulate; return motion, first state, steps, samples, and whether `until` ended the motion."""
+        motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
             steps, end_time = _run_steps(
@@ -320,7 +320,7 @@ def simulate(
 
 
 def to_spatial_pair(pair: object) -> HingePair:
-    """Check that an argument is one pair; return it as a pair in space.
+    """Check that an argument is one pair, planar or not, and return it as a pair in space.
 
     Raises:
         ArgumentError: the argument is no pair, or several pairs.
@@ -336,7 +336,7 @@ def to_spatial_pair(pair: object) -> HingePair:
 def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Return psi and psi' at the first instant."""
+    """Check the arguments that say how the hinge starts or moves; return psi and psi' at the first instant."""
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
         return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
@@ -351,7 +351,7 @@ def _initial_hinge_motion(
 
 
 def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Check the start of body 1 and return it with that of the hinge; a base that moves as given needs none.
+    """Check the start of body 1; return its R, S, v, omega, and psi and psi'. A base that moves as given needs none.
 
     Raises:
         ArgumentError: base or body1 cannot be used; names it.
@@ -362,13 +362,14 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         if body1 is not None:
             raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
         return zero, np.eye(3), zero, zero, psi, psid
-    check_choice("base", base, BASES)
+    check_choice("base", base, SIMULATION_BASE_NAMES)
     if not isinstance(body1, BodyMotion):
-        example = _PLANAR_EXAMPLE if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
+        example = _PLANAR_START_EXAMPLE_TEXT if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", f"the start of body 1, a BodyMotion such as {example}", quoted(body1))
     motion_arrays("body1", body1, "S")
     if body1.shape != ():
-        expected = f"one start, such as {_PLANAR_EXAMPLE if is_planar else 'BodyMotion(R=(0, 0, 0), S=np.eye(3))'}"
+        example = _PLANAR_START_EXAMPLE_TEXT if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
+        expected = f"one start, such as {example}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")
     R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
     zero_names = {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]
@@ -376,19 +377,21 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         if name in zero_names and speed.any():
             raise ArgumentError(f"body1.{name}", f"None or zeros for base={base!r}", speed)
     if is_planar and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
-        expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR_EXAMPLE}"
+        expected = (
+            f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR_START_EXAMPLE_TEXT}"
+        )
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
 
 
-def _warn_of_units(space: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
-    """Warn of numbers that look like degrees, or like inertias in another unit than kg m^2."""
+def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
+    """Warn of angles and rates that look like degrees, and of inertias that look like another unit than kg m^2."""
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
     sentences += degree_suspicions("psid_0", np.array([start[5]]), rates=True)
     sentences += degree_suspicions("body1.omega", start[3], rates=True)
-    bodies = {"body1": (space.body1, space.u1), "body2": (space.body2, space.u2)}
-    for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
+    bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
+    for name in ("body1", "body2") if base in SIMULATION_BASE_NAMES[:2] else ("body2",):
         body, lever = bodies[name]
         if body is not None:
             levers = [float(np.linalg.norm(vector)) for vector in (lever, body.center_of_mass)]
@@ -412,7 +415,7 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
     """Return a sentence on how far psi [rad] passes the stops; an empty text where that is less than 0.02 rad."""
     depth = max(stops[0] - lowest, highest - stops[1])
-    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_STOP_DEPTH else ""
+    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_REPORTED_OVERRUN else ""
 
 
 class _RunOptions(NamedTuple):
@@ -425,7 +428,9 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Step from t[0] to t[-1]; return the steps, and the time since t[0] at which the user's event ended them."""
+    """Step from t[0] to t[-1]; return records of the steps, and the time since t[0] at which `until` ended them, or
+    None. Raise a SimulationError where it cannot go on.
+    """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
     events = HingeEvents(motion, start, options.tol, options.until)
@@ -464,9 +469,9 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             if stepper.ended:
                 return records, stepper.t
             stepper.set_state(motion.restart_attitude(stepper.state))
-            if stepper.trials >= last_trials + _PROGRESS_CHECK_PERIOD:
+            if stepper.trials >= last_trials + _TRIALS_PER_PROGRESS_CHECK:
                 remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-                if remaining > _MAX_STEP_TRIALS:
+                if remaining > _MAX_REMAINING_TRIALS:
                     reason = (
                         f"some {remaining:.0g} more steps would be needed; {_explain_failure(motion, start, stepper)}"
                     )
@@ -475,14 +480,14 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
     return records, None
 
 
-def _sample_motion(motion: PairMotion, initial: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
-    """Compute the motion at instants, the first of which is that of the start."""
-    states, quats, elapsed = np.empty((len(t), len(initial))), np.empty((len(t), 4)), t - t[:1]
+def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
+    """Compute the motion and the loads at instants, the first of which is the start, from the steps."""
+    states, quats, elapsed = np.empty((len(t), len(first_state))), np.empty((len(t), 4)), t - t[:1]
     sides, held, first = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
     if steps:
-        states[:1], quats[:1], sides[:1], held[:1] = initial, steps[0].quat, steps[0].side, steps[0].held
+        states[:1], quats[:1], sides[:1], held[:1] = first_state, steps[0].quat, steps[0].side, steps[0].held
     else:
-        states[:], quats[:], sides[:], held[:] = initial, motion.quat, motion.side, motion.held
+        states[:], quats[:], sides[:], held[:] = first_state, motion.quat, motion.side, motion.held
     for step in steps:
         end = int(np.searchsorted(elapsed, step.polynomial.start + step.polynomial.length, side="right"))
         if step is steps[-1]:
@@ -494,7 +499,7 @@ def _sample_motion(motion: PairMotion, initial: Array, steps: list[StepRecord], 
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return which load jumps where a simulation cannot go on, and what to do."""
+    """Return a sentence for an error: which load jumps where a simulation cannot go on, and what to do."""
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "a load has no value, or the motion has no bound")
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
@@ -510,7 +515,7 @@ def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
                 "HingeLoad(friction=..., stops=...) has friction and stops that are followed",
             )
             shifted[:, column] += np.array([-increment, increment]) * max(1.0, abs(value))
-        for load, values in motion.changing_loads(times, shifted).items():
+        for load, values in motion.callable_loads(times, shifted).items():
             low, high = values.reshape(2, -1)
             k = int(np.abs(high - low).argmax())
             change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))

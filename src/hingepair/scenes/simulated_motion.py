@@ -10,7 +10,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.dynamics.loads import MotionAtInstants
-from hingepair.dynamics.simulate import BASES, SimulatedMotion, SimulatedPlanarMotion, SimulationError, simulate
+from hingepair.dynamics.simulate import (
+    SIMULATION_BASE_NAMES,
+    SimulatedMotion,
+    SimulatedPlanarMotion,
+    SimulationError,
+    simulate,
+)
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning
@@ -111,7 +117,7 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
         **{
             "tol": Table.number,
             "breaks": _read_instants,
-            "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED_BASE_KIND)),
+            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED_BASE_KIND)),
         },
     }
 
@@ -142,7 +148,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     """Return the DynamicsSetup of the table [dynamics], checked against the pair; nothing is simulated."""
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
-    base = others.pop("base", BASES[0])
+    base = others.pop("base", SIMULATION_BASE_NAMES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _BODY1_START_KEYS if key in others}
     hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
