@@ -81,6 +81,17 @@ REFUSED_CSV = {
     "time beside": (GOOD, "[time]\nstart = 0\nstop = 1\nsamples = 3\n", "my.toml: time: expected no such table"),
     "not a flag": (GOOD, "differentiate = 1\n", "motion.differentiate: expected true or false"),
     "expression beside": (GOOD, 'x = "t"\n', "motion.x: expected one of file"),
+    "unknown column says how to leave it out": (
+        changed(temp=GOOD["psi"]),
+        "",
+        r"'temp': .*; \[motion\] ignore = \['temp'\] leaves the column out",
+    ),
+    "ignored column that is absent": (
+        changed(temp=GOOD["psi"]),
+        "ignore = ['tmep', 'temp']\n",
+        r"'tmep': expected names of columns of the log in motion.ignore.* temp",
+    ),
+    "ignore without a list": (GOOD, "ignore = 'psi'\n", "motion.ignore: expected a list of names of columns"),
     "not UTF-8": (b"t,x\xff\n1,2\n", "", "log.csv"),
     "long header": ("t" * 200_000, "", "first line of column names"),
 }
@@ -92,6 +103,24 @@ def test_refused_in_one_line_that_names_file_and_column(tmp_path, columns, more,
         scene_of(tmp_path, columns, more)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) in str(caught.value)
+
+
+def test_ignored_columns_are_not_read(tmp_path):
+    rows = ["temp,comment," + LINES[0], *(f"{20 + i},warm," + line for i, line in enumerate(LINES[1:]))]
+    given, plain = scene_of(tmp_path, "\n".join(rows), "ignore = ['comment', 'temp']\n"), scene_of(tmp_path, GOOD)
+    np.testing.assert_array_equal(given.evaluate().R2, plain.evaluate().R2)
+
+
+def test_an_ignored_rate_is_found_from_the_angle(tmp_path):
+    wrong = changed(psid=np.full(len(GOOD["t"]), 1e3))
+    rates = scene_of(tmp_path, wrong, "differentiate = true\nignore = ['psid']\n").evaluate().psid
+    np.testing.assert_array_equal(rates, scene_of(tmp_path, GOOD, "differentiate = true\n").evaluate().psid)
+
+
+def test_an_ignored_array_is_not_read(tmp_path):
+    more = {"image": np.zeros((2, 2, 2)), "omega1": np.zeros((len(GOOD["t"]), 3))}
+    scene = scene_of(tmp_path, GOOD | more, "ignore = ['image', 'omega1']\n", name="log.npz")
+    np.testing.assert_array_equal(scene.evaluate().psi, GOOD["psi"])
 
 
 def test_an_empty_cell_is_a_number_that_is_not_there(tmp_path):

@@ -461,6 +461,14 @@ def test_mistakes_in_a_log_are_refused_by_column(tmp_path: Path, name: str) -> N
         scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
 
 
+def test_ignored_columns_of_a_log_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,boom,note\n0,0,first\n1,1,last\n")
+    with pytest.raises(hp.SceneError, match=r"'note': .*ignore = \['note'\] leaves the column out"):
+        scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
+    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\nignore = ['note']\n")
+    assert scene.evaluate(("q",)).q[:, scene.mechanism.names.index("boom")].tolist() == [0.0, 1.0]
+
+
 def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t,boom\n0,0\n1,1\n2,1\n")
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")

@@ -112,11 +112,11 @@ def read_log(table: Table, folder: Path) -> Motion:
         wanted = "differentiate = true" if not integrated else "a log with angles"
         table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
     keys = start if integrated else ("sequence", "unwrap")
-    table.check_keys(("file", "differentiate", "integrate", "smooth", "frame", *keys))
+    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", *keys))
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
         table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
-    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap)
+    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, read_ignored_columns(table))
     if smoothed:
         return _read_smoothed_motion(table, log)
     return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
@@ -128,6 +128,14 @@ def log_path(table: Table, folder: Path) -> Path:
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
     return file
+
+
+def read_ignored_columns(table: Table) -> frozenset[str]:
+    """Return the names of the log's columns that the key `ignore` of [motion] leaves out; empty without the key."""
+    names = table.values.get("ignore", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        table.fail("ignore", 'a list of names of columns, such as ["temperature"]')
+    return frozenset(names)
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
@@ -154,17 +162,21 @@ class Log(NamedSource):
         layout: what its columns may be.
         completed: whether derivatives that the file lacks are found by finite differences.
         unwrap: whether angles are unwrapped before; None where they are if they jump by whole turns.
+        ignored: names of columns, or of arrays, of the file that are not read.
 
     Attributes:
         derived: names of the derivatives that were found by finite differences.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
-    def __init__(self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None) -> None:
+    def __init__(
+        self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None, ignored: frozenset[str]
+    ) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.layout = layout
         self.completed = completed
         self.unwrap = unwrap
+        self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.derived: list[str] = []
         self.notes: list[str] = []
@@ -191,16 +203,21 @@ class Log(NamedSource):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
-        """Return the names unchanged; refuse a column that is unknown, holds results, or comes twice."""
-        for i, name in enumerate(column_names):
+        """Return the names that are not ignored; refuse a column that is unknown, holds results, or comes twice."""
+        for name in sorted(self._ignored.difference(column_names)):
+            expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
+            self.refuse(repr(name[:40]), expected, "no such column")
+        read_names = [name for name in column_names if name not in self._ignored]
+        for i, name in enumerate(read_names):
             if name not in known_names:
                 got = f"an unknown column{nearest(name, known_names)}"
                 if name.partition("_")[0] in self.layout.results:
                     got = f"a column of results, which are no motion ({self.layout.written})"
-                self.refuse(repr(name[:40]), choices(known_names), got)
-            if name in column_names[:i]:
+                expected = f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out"
+                self.refuse(repr(name[:40]), expected, got)
+            if name in read_names[:i]:
                 self.refuse(name, "a column once", "a second one")
-        return column_names
+        return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
         """Return a quantity and its derivatives by name; record in `derived` those found by finite differences.
@@ -341,7 +358,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
-    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER_NAMES_BY_ORDER else ())))
+    table.check_keys(("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_NAMES_BY_ORDER else ())))
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
         for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)

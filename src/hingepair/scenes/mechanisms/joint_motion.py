@@ -22,7 +22,7 @@ from hingepair.plans.steps import COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
-from hingepair.scenes.logged_motion import Log, LogLayout, log_path
+from hingepair.scenes.logged_motion import Log, LogLayout, log_path, read_ignored_columns
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ DERIVATIVE_SUFFIXES: Final = ("", "d", "dd")
 """What is behind a joint's name in the columns of a log, by the order of the derivative."""
 BASE_COORDINATE_KEYS: Final = COORDINATE_NAMES[:-1]
 """The coordinates of the base, in the table [base]."""
-_MOTION_OPTION_KEYS: Final = ("constants", "file", "differentiate", "unwrap")
+_MOTION_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _PLACEHOLDER_PAIR: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
@@ -229,7 +229,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
         if "time" in tables.values:
             tables.fail("time", "no such table beside motion.file, whose column t has the instants")
         return replace(_read_joint_log(motion, folder, robot, base), functions=base_functions)
-    for key in ("differentiate", "unwrap"):
+    for key in ("ignore", "differentiate", "unwrap"):
         if key in motion.values:
             motion.fail(key, "file = ... beside it, whose samples it is about, or no such key")
     from hingepair.scenes.expression_motion import read_functions
@@ -307,7 +307,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
         wanted = "differentiate = true beside it, or no such key: it decides how angles are differentiated"
         table.fail("unwrap", wanted)
     table.check_keys(_MOTION_OPTION_KEYS)
-    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap)
+    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
         names = tuple(joint + ending for ending in DERIVATIVE_SUFFIXES)
