@@ -204,9 +204,6 @@ SHARED_NAMES = {
     *("Array", "Columns", "Tail", "Returned"),
     # one function, of traced values and of arrays of another library, and of pairs and of mechanisms
     *("where_less", "error_bounds"),
-    # one quantity, of a hinge and of a circle, or in a finding and in the command that prints it
-    *("_MAX_ACROSS_COMPONENT", "_MAX_AXIS_STD", "_MAX_CORRELATION", "_MAX_POINT_STD", "_MAX_RANKING_SAMPLES"),
-    *("_MAX_FIRST_SAMPLES", "_MEDIANS", "_MIN_CERTAIN_OFFSET", "_OUTLIER_SIZE"),
     # one function, of results and of sweeps, of pairs and of mechanisms
     "_component_suffixes",
 }

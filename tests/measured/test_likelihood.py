@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.hinge import GAUGES, Hinge, derivatives, frame, home_of, sign_of
+from hingepair.measured.hinge import GAUGE_NAMES, Hinge, frame, home_of, result_derivatives, sign_of
 from hingepair.measured.likelihood import (
-    LOSSES,
+    LOSS_DERIVATIVES_BY_NAME,
     Noise,
     SampleResiduals,
-    judged,
-    most_likely,
-    seen_from,
-    summed_neighbours,
+    evaluate_hinge,
+    iterate_residuals,
+    most_likely_hinge,
+    num_neighbours_to_sum,
     without_bias,
 )
-from hingepair.measured.relative_poses import closed_form, compute_relative_poses
+from hingepair.measured.relative_poses import closed_form_hinge, compute_relative_poses
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording
 
@@ -27,7 +27,7 @@ def seen(hinge: Hinge, radians: float = 0.0) -> SampleResiduals:
     """What a short recording leaves."""
     made = recording(40, radians, radians)
     poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40))
-    return next(found for _, found in seen_from(poses, hinge))
+    return next(found for _, found in iterate_residuals(poses, hinge))
 
 
 TRUE = Hinge(N1, HOME.T @ N1, U1, U2)
@@ -40,7 +40,7 @@ def test_derivatives_are_those_of_the_residuals(k: int) -> None:
     # the axes along the hinge move with it; to first order tilt and gap, which are 0 here, do not
     tilts, gaps = (high.tilt - low.tilt) / 2e-6, (high.gap - low.gap) / 2e-6
     whitened = seen(TRUE).whiten(NOISE, tilts[None], gaps[None])
-    rows = seen(TRUE).rows(NOISE)
+    rows = seen(TRUE).whitened_rows(NOISE)
     assert np.abs(rows[k] - whitened[0]).max() < 1e-8 * np.abs(rows).max()
 
 
@@ -65,7 +65,7 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     R1, R2 = made.R1 + 1e-3 * rng.standard_normal(shape), made.R2 + 1e-3 * rng.standard_normal(shape)
     S1, S2 = (turns(2e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
     poses = compute_relative_poses(R1, S1, R2, S2, np.ones(count))
-    sizes = np.concatenate([found.sizes(Noise(2e-6, 8e-6)) for _, found in seen_from(poses, TRUE)])
+    sizes = np.concatenate([found.sizes(Noise(2e-6, 8e-6)) for _, found in iterate_residuals(poses, TRUE)])
     assert sizes.mean() == pytest.approx(5, rel=0.01)
     assert sizes.var() == pytest.approx(10, rel=0.03)
 
@@ -74,7 +74,7 @@ OPPOSITE = Hinge(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.
 
 
 @pytest.mark.parametrize("true", [TRUE, OPPOSITE], ids=["short way", "nearly opposite axes"])
-@pytest.mark.parametrize("gauge", GAUGES)
+@pytest.mark.parametrize("gauge", GAUGE_NAMES)
 def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: Hinge) -> None:
     hinge = true.in_gauge(gauge)
     columns = []
@@ -82,7 +82,7 @@ def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: H
         high, low = (hinge.moved(sign * 1e-6 * np.eye(9)[k]).in_gauge(gauge) for sign in (1, -1))
         turn = rotation_log(home_of(high) @ home_of(low).T)
         columns.append(np.concatenate((high.u1 - low.u1, high.u2 - low.u2, high.n - low.n, turn)) / 2e-6)
-    found = derivatives(hinge, gauge)
+    found = result_derivatives(hinge, gauge)
     assert np.abs(found - np.stack(columns, axis=-1)).max() < 1e-8
 
 
@@ -144,11 +144,11 @@ def test_noise_does_not_decide_the_sign_of_usual_axes(axis: tuple[float, ...]) -
 def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     made = recording(400, 1e-5, 2e-2)
     poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(400))
-    best, noise, still, *_ = most_likely(poses, closed_form(poses), None)
-    scatter = np.sqrt(np.diagonal(judged(poses, best, noise, None).covariance))
+    best, noise, still, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
+    scatter = np.sqrt(np.diagonal(evaluate_hinge(poses, best, noise, None).covariance))
 
     def misfit(hinge: Hinge) -> float:
-        return sum(found.sizes(noise).sum() for _, found in seen_from(poses, hinge))
+        return sum(found.sizes(noise).sum() for _, found in iterate_residuals(poses, hinge))
 
     least = misfit(best)
     assert still
@@ -163,10 +163,10 @@ def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
     made = recording(40_000, 1e-3, 4e-2, seed=seed)
     poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40_000))
-    rough, noise, *_ = most_likely(poses, closed_form(poses), None)
+    rough, noise, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
     better = without_bias(poses, rough, noise)
-    change = derivatives(rough, "closest_to_R1")
-    deviations = np.sqrt(np.diagonal(change @ judged(poses, rough, noise, None).covariance @ change.T))[:6]
+    change = result_derivatives(rough, "closest_to_R1")
+    deviations = np.sqrt(np.diagonal(change @ evaluate_hinge(poses, rough, noise, None).covariance @ change.T))[:6]
     true = TRUE.in_gauge("closest_to_R1")
     off = []
     for hinge in (rough, better):
@@ -184,10 +184,10 @@ def scipy_loss(name: str, z: float) -> float:
     return 2 * float(least_squares(lambda x: np.sqrt([z]) + 0 * x, [0.0], loss=name).cost)
 
 
-@pytest.mark.parametrize("name", [name for name in LOSSES if name != "linear"])
+@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVES_BY_NAME if name != "linear"])
 def test_losses_are_those_of_scipy(name: str) -> None:
     """First and second derivative, against differences of order 4 of rho."""
-    loss = LOSSES[name]
+    loss = LOSS_DERIVATIVES_BY_NAME[name]
     assert loss is not None
     assert loss(np.array([0.0]))[0][0] == 1.0
     for z in (0.05, 0.3, 0.9, 1.1, 2.5, 10.0, 80.0):
@@ -216,7 +216,7 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
     memory: float, together: set[int], unresolved: bool
 ) -> None:
     """Over four times the lag, a power of two, at which less than a tenth is left; over N / 40 at most."""
-    count, lag = summed_neighbours(autoregressive(10_000, memory, 1))
+    count, lag = num_neighbours_to_sum(autoregressive(10_000, memory, 1))
     assert count in together
     assert (lag > 0) is unresolved
 
@@ -224,6 +224,6 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
 @pytest.mark.slow
 def test_few_scores_are_not_added_up() -> None:
     """Chance makes neighbours of a few samples alike; what is more than chance is said."""
-    assert summed_neighbours(autoregressive(30, 1e-3, 2)) == (1, 0)
-    assert summed_neighbours(autoregressive(100, 30.0, 2)) == (1, 1)
-    assert summed_neighbours(np.zeros((2, 500))) == (1, 0)
+    assert num_neighbours_to_sum(autoregressive(30, 1e-3, 2)) == (1, 0)
+    assert num_neighbours_to_sum(autoregressive(100, 30.0, 2)) == (1, 1)
+    assert num_neighbours_to_sum(np.zeros((2, 500))) == (1, 0)

@@ -363,10 +363,10 @@ def test_outliers_among_attitudes_count_little() -> None:
 
 @pytest.mark.slow
 def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
-    from hingepair.measured.spline import Model, Spline
+    from hingepair.measured.spline import SmoothingModel, SmoothingSpline
 
     t = np.sort(np.random.default_rng(0).uniform(0, 3, 200))
-    spline = Spline([t[:90], t[90:] + 1], Model(3.0, 0.5), np.ones(200))
+    spline = SmoothingSpline([t[:90], t[90:] + 1], SmoothingModel(3.0, 0.5), np.ones(200))
     curves = spline.solve(np.eye(200))  # of samples that are 0 but for one
     for order in range(3):
         rows = spline.evaluate(curves, 1, t[90:] + 1, order)

@@ -21,9 +21,9 @@ from hingepair.cli.output import (
 )
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import GAUGES, SIGN_RULE
+from hingepair.measured.hinge import GAUGE_NAMES, SIGN_RULE_SENTENCE
 from hingepair.measured.hinge_fit import HingeFit, fit
-from hingepair.measured.likelihood import LOSSES
+from hingepair.measured.likelihood import LOSS_DERIVATIVES_BY_NAME
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
@@ -41,11 +41,14 @@ def fit_command(
         typer.Argument(metavar="FILE...", help="One recording of both bodies, or two files: body 1, body 2."),
     ],
     loss: Annotated[
-        str, typer.Option(help=f"Loss function: {', '.join(LOSSES)}. Choose cauchy if there may be outliers.")
+        str,
+        typer.Option(
+            help=f"Loss function: {', '.join(LOSS_DERIVATIVES_BY_NAME)}. Choose cauchy if there may be outliers."
+        ),
     ] = "linear",
-    gauge: Annotated[str, typer.Option(help=f"Point of the axis that u1 and u2 name: {', '.join(GAUGES)}.")] = GAUGES[
-        0
-    ],
+    gauge: Annotated[
+        str, typer.Option(help=f"Point of the axis that u1 and u2 name: {', '.join(GAUGE_NAMES)}.")
+    ] = GAUGE_NAMES[0],
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
@@ -264,7 +267,7 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
         "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its "
-        f"standard deviation. {SIGN_RULE}",
+        f"standard deviation. {SIGN_RULE_SENTENCE}",
         "",
         "## Residuals",
         "",

@@ -14,30 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import Loss, seen_from
-from hingepair.measured.relative_poses import RelativePoses, closed_form, compute_relative_poses
+from hingepair.measured.likelihood import Loss, iterate_residuals
+from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
-from hingepair.measured.spline import FEWEST
+from hingepair.measured.spline import MIN_PIECE_SAMPLES
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
-_MAX_SHIFT = 0.75  # of the usual step: the longest time over which a sample is moved along the smoothed motion
-_MAX_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
-_SCANNED_SAMPLES = 256  # samples that offsets are tried with
-_MAX_SCANNED_OFFSET, _MAX_SCANNED_SHARE = 0.5, 0.25  # [s], and in parts of the recording
-_SCAN_STEP = 0.1  # of the time in which body 2's motion changes
-_MAX_OFFSET_TRIALS = 60  # offsets that are tried, on either side of 0
-_MIN_MENTIONED_OFFSET = 0.05  # of the usual step
-_MIN_GAIN = (
-    0.5  # in the logarithm of the likelihood of a sample, by which a far offset must be better than a near one
+_MAX_SHIFT_IN_TIME_STEPS = (
+    0.75  # of the usual step: the longest time over which a sample is moved along the smoothed motion
 )
+_MAX_BRIDGED_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
+_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
+_MAX_SCANNED_OFFSET, _MAX_SCANNED_SHARE = 0.5, 0.25  # [s], and in parts of the recording
+_OFFSET_SCAN_STEP_RATIO = 0.1  # of the time in which body 2's motion changes
+_MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
+_MIN_MENTIONED_OFFSET_IN_TIME_STEPS = 0.05  # of the usual step
+# In the logarithm of the likelihood of a sample, by which a far offset must be better than a near one.
+_MIN_LOG_LIKELIHOOD_GAIN = 0.5
 
 
 class ClockedPoses:
-    """Relative poses by clock offset: by how much later body 2 was recorded than body 1 at equal stamps."""
+    """Relative poses of two recordings whose clocks differ, computed for any clock offset: by how much later body 2
+    was recorded than body 1 at equal stamps. The motion of body 2 is smoothed once.
+    """
 
     def __init__(self, samples: Samples, loss: Loss | None) -> None:
         """Smooth the motion of body 2."""
@@ -47,7 +50,7 @@ class ClockedPoses:
         hidden = ~known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_GAP, loss)
+        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
         self._rate_noise = parts["R"].errors[1], parts["S"].errors[1]
@@ -56,97 +59,122 @@ class ClockedPoses:
     @staticmethod
     def possible(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether there are enough samples of body 2 in a row to smooth it."""
-        return bool(split_at_gaps(t, known2, _MAX_GAP, FEWEST))
+        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP, MIN_PIECE_SAMPLES))
 
-    def rows(self, offset: float, most: int | None = None) -> NDArray[np.intp]:
+    def rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return which samples of body 1 have a sample of body 2 at the same time."""
-        return self._matched(offset, most)[0]
+        return self._matched(offset, max_samples)[0]
 
-    def _matched(self, offset: float, most: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return samples of body 1, those of body 2 nearest in time, and how much later they are needed [s]."""
-        rows = self._rows[:: 1 if most is None else -(-self._rows.size // most)]
+    def _matched(
+        self, offset: float, max_samples: int | None
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
+        """Return the indices of usable samples of body 1, the indices of the samples of body 2 nearest in time to
+        each at a clock offset, and by how much later body 2 is needed there [s].
+        """
+        rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SHIFT * self._step)
-        kept = self._samples.known2[near] & (movable | (shift == 0))
-        return rows[kept], near[kept], shift[kept]
+        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SHIFT_IN_TIME_STEPS * self._step)
+        is_usable = self._samples.known2[near] & (movable | (shift == 0))
+        return rows[is_usable], near[is_usable], shift[is_usable]
 
-    def at(self, offset: float, most: int | None = None) -> RelativePoses:
-        """Return relative poses at a clock offset, with their derivatives by it, of so many samples at most."""
-        rows, near, shift = self._matched(offset, most)
+    def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
+        """Return the relative poses at a clock offset, at most `max_samples` of them, together with their derivatives
+        by the offset.
+        """
+        rows, near, shift = self._matched(offset, max_samples)
         v, omega, a, alpha = self._rates[:, near]
         dt = shift[:, None]
-        return self._poses(rows, *self._moved(near, shift), v + a * dt, omega + alpha * dt)
+        return self._relative_poses(rows, *self._shifted_body2(near, shift), v + a * dt, omega + alpha * dt)
 
-    def _moved(self, near: NDArray[np.intp], shift: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return R and S of samples of body 2 that are moved along its motion by some time [s]."""
-        v, omega, a, alpha = self._rates[:, near]
-        dt = shift[:, None]
+    def _shifted_body2(
+        self, sample_indices: NDArray[np.intp], time_shifts: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        """Return R and S of samples of body 2, each moved along its smoothed motion by its own time shift [s]."""
+        v, omega, a, alpha = self._rates[:, sample_indices]
+        dt = time_shifts[:, None]
         turn = np.asarray(rotation_exp((omega + alpha * (dt / 2)) * dt))
-        return self._samples.R2[near] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[near]
+        return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
     def body2(self, offset: float) -> BodyMotion:
-        """Return body 2 at the instants of body 1, NaN where it was not recorded."""
+        """Return the motion of body 2, shifted by the clock offset to the instants of body 1; NaN where body 2 was
+        not recorded.
+        """
         rows, near, shift = self._matched(offset, None)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
-        R[rows], S[rows] = self._moved(near, shift)
+        R[rows], S[rows] = self._shifted_body2(near, shift)
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
-    def noise_at(self, offset: float, most: int | None = None) -> RelativePoses:
-        """Return relative poses whose derivatives are as large as the noise that smoothing leaves in them."""
-        rows, near, _ = self._matched(offset, most)
+    def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
+        """Return relative poses whose derivatives by the clock offset are random numbers, as large as the noise in
+        the derivatives that `poses_at` returns.
+        """
+        rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
         v, omega = (size * rng.standard_normal((rows.size, 3)) for size in self._rate_noise)
-        return self._poses(rows, self._samples.R2[near], self._samples.S2[near], v, omega)
+        return self._relative_poses(rows, self._samples.R2[near], self._samples.S2[near], v, omega)
 
-    def _poses(
+    def _relative_poses(
         self,
-        rows: NDArray[np.intp],
+        body1_rows: NDArray[np.intp],
         R2: NDArray[np.floating],
         S2: NDArray[np.floating],
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
-        """Return the relative poses of some samples, with the velocities of body 1 turned into its own axes."""
-        own = self._samples
-        S1 = own.S1[rows]
-        poses = compute_relative_poses(own.R1[rows], S1, R2, S2, own.weights[rows])
+        """Return the relative poses of body 2 at the given samples of body 1. The velocities v and omega of body 2
+        become their derivatives by the clock offset.
+        """
+        samples = self._samples
+        S1 = samples.S1[body1_rows]
+        poses = compute_relative_poses(samples.R1[body1_rows], S1, R2, S2, samples.weights[body1_rows])
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
         dQ = -np.asarray(skew(omega1)) @ poses.Q.T.reshape(-1, 3, 3)
         return poses._replace(
             rates=np.concatenate((dQ.reshape(-1, 9).T, -v1.T)),
-            told=None if own.told is None else own.told[:, rows],
-            encoder=None if own.encoder is None else own.encoder[rows],
+            told=None if samples.told is None else samples.told[:, body1_rows],
+            encoder=None if samples.encoder is None else samples.encoder[body1_rows],
         )
 
-    def offset_suspicions(self, offset: float) -> list[str]:
-        """Return a sentence on an offset that is more than a small part of the time between samples."""
-        if abs(offset) < _MIN_MENTIONED_OFFSET * self._step:
+    def clock_offset_sentences(self, offset: float) -> list[str]:
+        """Return a list with one sentence that states the clock offset; an empty list where it is below a twentieth
+        of the time step.
+        """
+        if abs(offset) < _MIN_MENTIONED_OFFSET_IN_TIME_STEPS * self._step:
             return []
         order = "later" if offset > 0 else "earlier"
         return [f"Body 2 was recorded {1e3 * abs(offset):.3g} ms {order} than its stamps say; this is taken out."]
 
     @property
     def time_scale(self) -> float:
-        """Return the time in which the motion of body 2 changes: the ratio of its rates to their changes [s]."""
+        """Return the time in which the motion of body 2 changes [s]: its median velocity divided by its median
+        acceleration, linear or angular, whichever is shorter.
+        """
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)
 
-    def likeliest(self, misfit: Callable[[RelativePoses], float]) -> float:
-        """Return the offset to start from [s]: the best of a scan, or that near 0 unless a far one is clearly better.
+    def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
+        """Scan clock offsets and return the one of least misfit [s]: the local minimum near 0, unless a distant
+        offset is clearly better. `misfit` is a function of relative poses.
 
         Args:
             misfit: minus the logarithm of the likelihood of a sample of the poses at an offset.
         """
         length = float(self._t[-1] - self._t[0])
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_SHARE * length)
-        count = int(np.clip(np.ceil(span / max(_SCAN_STEP * self.time_scale, self._step / 2)), 2, _MAX_OFFSET_TRIALS))
+        count = int(
+            np.clip(
+                np.ceil(span / max(_OFFSET_SCAN_STEP_RATIO * self.time_scale, self._step / 2)),
+                2,
+                _MAX_OFFSET_TRIALS_PER_SIDE,
+            )
+        )
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.at(offset, _SCANNED_SAMPLES) for offset in offsets]
-        costs = np.array([np.inf if poses.samples < FEWEST else misfit(poses) for poses in trials])
+        trials = [self.poses_at(offset, _OFFSET_SCAN_SAMPLES) for offset in offsets]
+        costs = np.array([np.inf if poses.samples < MIN_PIECE_SAMPLES else misfit(poses) for poses in trials])
         place = count
         while True:
             near = [k for k in (place - 1, place, place + 1) if 0 <= k < costs.size]
@@ -155,18 +183,19 @@ class ClockedPoses:
                 break
             place = best
         far = int(np.argmin(costs))
-        return float(offsets[far if costs[far] < costs[place] - _MIN_GAIN else place])
+        return float(offsets[far if costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN else place])
 
 
-def hinge_misfit(poses: RelativePoses, start: Hinge | None) -> float:
-    """Return how badly a hinge fits poses: minus the logarithm of the likelihood of a sample.
+def hinge_misfit(poses: RelativePoses, known_hinge: Hinge | None) -> float:
+    """Return minus the logarithm of the likelihood of a sample for a hinge (up to a constant). Without a known hinge
+    (None), that of the closed-form hinge of the poses is returned.
 
-    A hinge `start` is judged by medians; without one the poses get their own hinge in closed form.
+    A known hinge is judged by medians of the squared residuals, any other by their means.
     """
-    hinge = closed_form(poses) if start is None else start
-    seen = [seen for _, seen in seen_from(poses, hinge)]
+    hinge = closed_form_hinge(poses) if known_hinge is None else known_hinge
+    seen = [seen for _, seen in iterate_residuals(poses, hinge)]
     tilt, gap = (
         np.concatenate([(getattr(each, name) ** 2).sum(axis=0) for each in seen]) for name in ("tilt", "gap")
     )
-    middle = np.mean if start is None else np.median
+    middle = np.mean if known_hinge is None else np.median
     return float(np.log(middle(tilt) + 1e-30) + 1.5 * np.log(middle(gap) + 1e-30 * poses.size**2))

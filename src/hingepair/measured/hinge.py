@@ -14,25 +14,22 @@ from numpy.typing import ArrayLike
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
-GAUGES: Final = ("closest_to_R1", "closest_to_R2")
+GAUGE_NAMES: Final = ("closest_to_R1", "closest_to_R2")
 """Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
-SIGN_RULE: Final = (
+SIGN_RULE_SENTENCE: Final = (
     "The first component of n that is at least 0.45 times as large as the largest is positive; home, the attitude of "
     "body 2 at psi = 0, turns its axis into that of body 1 the short way unless they are nearly opposite."
 )
 """The rules for the sign of n and for psi = 0, for readers of a fit."""
-_MIN_SIGN_RATIO = 0.45
+_MIN_SIGN_COMPONENT_RATIO = 0.45
 """Part of the largest component from which a component of n decides the sign. No ratio of two small numbers, so that
 noise does not decide for an axis such as (-1, 2, 0)."""
-_MIN_SHORT_WAY_COSINE = -0.9
+_MIN_SHORTEST_TURN_COSINE = -0.9
 """Cosine of the angle between m and n down to which home is the short way from one to the other."""
-_MAX_ACROSS_COMPONENT = 0.65
-"""The first component of n below this names the axis of the half turn that home begins with. Every unit vector has
-such a component; after the half turn, axes that were opposite are less than a right angle apart."""
 
 
 class Hinge(NamedTuple):
-    """A hinge without psi = 0: its axis and a point of it, as either body sees them."""
+    """The axis of a hinge and a point of it, in the axes of either body. Where psi is 0 is not part of it."""
 
     n: Float64Array  # axis in body 1's axes, unit
     m: Float64Array  # axis in body 2's axes, unit: C^T n
@@ -56,7 +53,8 @@ class Hinge(NamedTuple):
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
-        """Return the hinge after a step of the nine parameters of the fit, in the axes of `frame`.
+        """Return the hinge after a step of the nine parameters of the fit: two turns of each axis across itself, and
+        shifts of the hinge point.
 
         Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen.
         """
@@ -66,11 +64,13 @@ class Hinge(NamedTuple):
 
 def sign_of(n: Float64Array) -> float:
     """Return the sign of the first component that is at least 0.45 times as large as the largest."""
-    return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_RATIO * np.abs(n).max())] > 0 else -1.0
+    return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_COMPONENT_RATIO * np.abs(n).max())] > 0 else -1.0
 
 
 def frame(axis: Float64Array) -> Float64Array:
-    """Return three axes, as columns, of which the third is along a unit vector; (3, 3)."""
+    """Return three orthonormal axes as the columns of a matrix (3, 3), the third of which is the given unit
+    vector.
+    """
     x, y, z = axis.tolist()
     if abs(x) <= min(abs(y), abs(z)):
         first = (0.0, z, -y)
@@ -89,35 +89,50 @@ def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
     return np.asarray(there / np.linalg.norm(there))
 
 
-def home_of(hinge: Hinge) -> Float64Array:
-    """Return the rotation of body 2 against body 1 at psi = 0, which the motion does not show: C m = n; (3, 3).
+def first_axis_across(n: Float64Array) -> int:
+    """Return the index of the first coordinate axis on which the component of a unit vector is below 0.65.
 
-    It turns m into n the short way. Where both are nearly opposite, noise would choose among the short ways: then
-    home begins with a half turn about a coordinate axis of body 2, after which there is one short way.
+    Every unit vector has such a component. It fixes the direction of psi = 0 for a point, and the axis of the half
+    turn that home begins with; after that half turn, axes that were opposite are less than a right angle apart.
+    """
+    return int(np.argmax(np.abs(n) < 0.65))
+
+
+def home_of(hinge: Hinge) -> Float64Array:
+    """Return the rotation of body 2 against body 1 at psi = 0, (3, 3): the one by the least angle that turns m into
+    n. Where m and n are nearly opposite, it begins with a half turn about a coordinate axis.
+
+    The motion does not show where psi = 0 is. Where the axes are nearly opposite, noise would choose among the
+    rotations by the least angle; after the half turn, about a coordinate axis of body 2, there is only one.
     """
     before = _half_turn_before(hinge)
     return _shortest_turn(before @ hinge.m, hinge.n) @ before
 
 
 def _half_turn_before(hinge: Hinge) -> Float64Array:
-    """Return the half turn that home begins with: the identity unless m and n are nearly opposite; (3, 3)."""
-    if hinge.n @ hinge.m > _MIN_SHORT_WAY_COSINE:
+    """Return the half turn about a coordinate axis of body 2 that home begins with where m and n are nearly opposite,
+    else the identity; (3, 3).
+    """
+    if hinge.n @ hinge.m > _MIN_SHORTEST_TURN_COSINE:
         return np.eye(3)
     turn = -np.eye(3)
-    across = int(np.argmax(np.abs(hinge.n) < _MAX_ACROSS_COMPONENT))
+    across = first_axis_across(hinge.n)
     turn[across, across] = 1.0
     return turn
 
 
 def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
-    """Return the rotation by the least angle that takes one unit vector to another, which is not opposite; (3, 3)."""
+    """Return the rotation matrix of the least angle that turns unit vector m into unit vector n; the two are not
+    opposite. Shape (3, 3).
+    """
     half = m + n
     once = 2 * np.outer(half, half) / (half @ half) - np.eye(3)  # half a turn about the middle
     return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
 
 
-def derivatives(hinge: Hinge, gauge: str) -> Float64Array:
-    """Return the derivatives of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9).
+def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
+    """Return the derivatives of the results of a fit (u1, u2, n and the rotation vector of home) by its nine
+    parameters; shape (12, 9).
 
     The rotation d of home by the short way from m to n has `d x n` as its change asks for; about n it turns so that
     home's axis stays across m + n. (m here is the axis after the half turn that home may begin with.)

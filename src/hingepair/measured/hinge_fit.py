@@ -13,29 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, hinge_misfit
-from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
-from hingepair.measured.hinge import GAUGES, SIGN_RULE, Hinge, derivatives, home_angle, home_of
+from hingepair.measured.findings import BodyPoses, check_turning, find_outliers, judge_hinge, probable_mistakes
+from hingepair.measured.hinge import GAUGE_NAMES, SIGN_RULE_SENTENCE, Hinge, home_angle, home_of, result_derivatives
 from hingepair.measured.likelihood import (
-    LOSSES,
-    MAX_FRAMED,
-    PARAMETERS,
+    LOSS_DERIVATIVES_BY_NAME,
+    MAX_FRAME_TURN_SAMPLES,
+    NUM_HINGE_PARAMETERS,
+    EncoderLine,
     Estimate,
-    Judged,
-    Line,
+    HingeResiduals,
     Loss,
     Noise,
-    encoder_share,
-    judged,
-    line_from,
-    most_likely,
-    noise_deviations,
+    attitude_noise_share,
+    evaluate_hinge,
+    fit_encoder_line,
+    frame_turn_angle,
+    most_likely_hinge,
+    noise_standard_deviations,
     shows_offset,
-    turned_frames,
     without_bias,
 )
-from hingepair.measured.relative_poses import RelativePoses, closed_form, closed_form_of_most
+from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.samples import Samples, checked_samples
-from hingepair.measured.spline import FEWEST
+from hingepair.measured.spline import MIN_PIECE_SAMPLES
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
@@ -49,17 +49,18 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_MAX_RESIDUAL = 5.0  # of a sample, in rms of all samples, that `HingeFit.residuals` passes
-_MIN_GOOD_WEIGHT = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
-_MAX_STARTED = 65536  # samples that a start in closed form, and what is known of the clock offset, are taken from
-_MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of the clock offset that a finding mentions
-_FIT_DIFFERENCE = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
-_FEW_SAMPLES = 10  # below, standard deviations are no more than a hint
+_MAX_RESIDUAL_RMS_RATIO = 5.0  # of a sample, in rms of all samples, that `HingeFit.residuals` passes
+_MIN_INLIER_WEIGHT_RATIO = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
+# Samples that a start in closed form, and what is known of the clock offset, are taken from.
+_MAX_CLOSED_FORM_SAMPLES = 65536
+_MIN_MENTIONED_OFFSET_STDS = 4.0  # in standard deviations, of the clock offset that a finding mentions
+_ENCODER_DERIVATIVE_TURN = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
+_MIN_SAMPLES_FOR_STD = 10  # below, standard deviations are no more than a hint
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EncoderFit:
-    """The hinge angle as an encoder reads it: psi = zero + scale * reading.
+    """How the hinge angle follows from the reading of an encoder, as fitted: psi = zero + scale * reading.
 
     Attributes:
         zero: psi where the encoder reads 0 [rad].
@@ -76,7 +77,8 @@ class EncoderFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HingeFit(Shown):
-    """The hinge found from two recorded motions, its uncertainty, and the residuals.
+    """What `fit` returns: the hinge found from two recorded motions, its uncertainty, and the residuals of every
+    sample.
 
     Attributes:
         pair: the hinge, ready for everything else.
@@ -133,17 +135,19 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Return E1 and E2 of every sample, judged by five times the rms that the fit leaves.
+        """Return a report on the residuals of E1 and E2 of every sample, with five times the rms residuals of the fit
+        as tolerances.
 
-        Where the fit is not `ok`, what it leaves is not known to be noise, and round-off is the yardstick.
+        Where the fit is not `ok`, its residuals are not known to be noise, and the tolerances are those of rounding.
         """
-        tolerances = {"gap": self.rms_position, "tilt": self.rms_angle}
-        allowed = {name: _MAX_RESIDUAL * max(rms, 1e-300) for name, rms in tolerances.items()} if self.ok else None
+        rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
+        limits = {name: _MAX_RESIDUAL_RMS_RATIO * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """Draw the hinge angle and the residuals of each sample over time.
+        """Return a Matplotlib figure of the hinge angle and of the residuals of each sample over time.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -167,8 +171,8 @@ class HingeFit(Shown):
         figure.suptitle(self._left())
         return figure
 
-    def _clock(self) -> str:
-        """Return the sentence on the clock offset [ms] and its standard deviation."""
+    def _clock_offset_line(self) -> str:
+        """Return the line of the report on the clock offset [ms] and its standard deviation."""
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"
@@ -193,7 +197,7 @@ class HingeFit(Shown):
         low, high = np.degrees(self.psi_range)
         lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._left()}")
         if self.clock_offset is not None:
-            lines.append(self._clock())
+            lines.append(self._clock_offset_line())
         if self.encoder is not None:
             zero, scale = (
                 f"{getattr(self.encoder, key):.6g} +- {self.encoder.std[key]:.2g}" for key in ("zero", "scale")
@@ -201,7 +205,7 @@ class HingeFit(Shown):
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
-            f"difference is seen. {SIGN_RULE}"
+            f"difference is seen. {SIGN_RULE_SENTENCE}"
         )
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT A HINGE TO RELY ON"))
 
@@ -221,10 +225,12 @@ class HingeFit(Shown):
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return the hinge, its standard deviations and the findings as JSON."""
+        """Return a report as JSON text: the hinge, standard deviations, the quality of the fit and its findings. A
+        number that is not finite is null.
+        """
         import json
 
-        found = {
+        report = {
             "ok": self.ok,
             "samples": self.samples,
             "missing": self.psi.size - self.samples,
@@ -241,7 +247,7 @@ class HingeFit(Shown):
             "psi": list(self.psi_range),
             "findings": list(self.findings),
         }
-        return json.dumps(found, indent=2, allow_nan=False)
+        return json.dumps(report, indent=2, allow_nan=False)
 
 
 def fit(
@@ -256,7 +262,8 @@ def fit(
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
-    """Fit the hinge that two recorded motions share: n, home, u1, u2 and psi(t) (E1, E5).
+    """Fit the hinge that two recorded motions share, n, home, u1, u2 and psi(t) (E1, E5), and return a HingeFit. With
+    `t`, estimate the offset between both clocks too.
 
     First in closed form, from the mean relative attitude and six linear equations; then the most likely hinge if
     every pose is off by isotropic noise, alike in both bodies, psi and the true poses eliminated. How large the noise
@@ -307,72 +314,80 @@ def fit(
     >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12)
     (True, array([0., 1., 0.]), array([0.5, 0. , 0.1]))
     """
-    check_choice("loss", loss, LOSSES)
-    check_choice("gauge", gauge, GAUGES)
+    check_choice("loss", loss, LOSS_DERIVATIVES_BY_NAME)
+    check_choice("gauge", gauge, GAUGE_NAMES)
     samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    penalty = LOSSES[loss]
+    penalty = LOSS_DERIVATIVES_BY_NAME[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate(samples, used, penalty, clock_offset)
     noise = estimate.noise
     hinge = without_bias(poses, estimate.hinge, noise).signed().in_gauge(gauge)
-    line = line_from(poses, hinge, estimate.line)
-    seen = judged(poses, hinge, noise, penalty, line)
+    line = fit_encoder_line(poses, hinge, estimate.line)
+    residuals = evaluate_hinge(poses, hinge, noise, penalty, line)
     home = home_of(hinge)
-    change = derivatives(hinge, gauge)
-    covariance = change @ seen.covariance[:PARAMETERS, :PARAMETERS] @ change.T
+    derivatives_of_results = result_derivatives(hinge, gauge)
+    covariance = (
+        derivatives_of_results
+        @ residuals.covariance[:NUM_HINGE_PARAMETERS, :NUM_HINGE_PARAMETERS]
+        @ derivatives_of_results.T
+    )
     std: dict[str, Any] = dict(
         zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
     )
-    far = outlying(seen, poses)
-    listed = findings(poses, hinge, noise, seen, far, estimate.still, std)
-    texts = [finding.text for finding in listed]
-    ok = all(finding.harmless for finding in listed)
-    std = {name: read_only(value) for name, value in std.items()} | noise_deviations(poses, hinge, noise, penalty)
+    is_outlier = find_outliers(residuals, poses)
+    listed_findings = judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std)
+    texts = [finding.text for finding in listed_findings]
+    ok = all(finding.harmless for finding in listed_findings)
+    std = {name: read_only(value) for name, value in std.items()} | noise_standard_deviations(
+        poses, hinge, noise, penalty
+    )
     if samples.t is not None:
-        std["clock_offset"] = _offset_deviation(poses, seen, clock_offset)
-    if clock is not None and abs(estimate.offset) > _MIN_CERTAIN_OFFSET * std["clock_offset"] > 0:
-        texts += clock.offset_suspicions(estimate.offset)
+        std["clock_offset"] = _clock_offset_std(poses, residuals, clock_offset)
+    if clock is not None and abs(estimate.offset) > _MIN_MENTIONED_OFFSET_STDS * std["clock_offset"] > 0:
+        texts += clock.clock_offset_sentences(estimate.offset)
     if not ok:
-        texts += causes(Poses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2))))
+        texts += probable_mistakes(
+            BodyPoses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2)))
+        )
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
-    texts += _sentences_on_missing(used, clock)
-    if poses.samples < _FEW_SAMPLES:
+    texts += _missing_sample_sentences(used, clock)
+    if poses.samples < _MIN_SAMPLES_FOR_STD:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
-    good = ~far & (seen.weights >= _MIN_GOOD_WEIGHT * samples.weights[used])
+    good = ~is_outlier & (residuals.weights >= _MIN_INLIER_WEIGHT_RATIO * samples.weights[used])
     zero = home_angle(hinge, home)
-    psi = _unwrap_angles(seen.psi - encoder_share(poses, noise, line) * seen.turn - zero, good)
+    psi = _unwrap_angles(residuals.psi - attitude_noise_share(poses, noise, line) * residuals.turn - zero, good)
     counted = psi[good] if good.any() else psi
-    total = seen.weights.sum()
-    gaps = np.sqrt((seen.gap * seen.gap).sum(axis=0))
+    total = residuals.weights.sum()
+    gaps = np.sqrt((residuals.gap * residuals.gap).sum(axis=0))
     return HingeFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
-        psi=_spread(psi, used),
+        psi=_scatter_used(psi, used),
         psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(covariance),
         std=std,
-        rms_position=float(np.sqrt(seen.weights @ (gaps * gaps) / total)),
-        rms_angle=float(np.sqrt(seen.weights @ (seen.tilt * seen.tilt) / total)),
+        rms_position=float(np.sqrt(residuals.weights @ (gaps * gaps) / total)),
+        rms_angle=float(np.sqrt(residuals.weights @ (residuals.tilt * residuals.tilt) / total)),
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
         clock_offset=None if samples.t is None else estimate.offset,
-        encoder=None if line is None else _encoder_line(line, poses, hinge, seen, noise),
+        encoder=None if line is None else _encoder_fit(line, poses, hinge, residuals, noise),
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
-        weights=_spread(seen.weights, used, 0.0),
+        weights=_scatter_used(residuals.weights, used, 0.0),
         t=samples.t,
-        gap=_spread(gaps, used),
-        tilt=_spread(seen.tilt, used),
+        gap=_scatter_used(gaps, used),
+        tilt=_scatter_used(residuals.tilt, used),
         samples=int(used.sum()),
         body2=body2 if clock is None else clock.body2(estimate.offset),
         _body1=body1,
@@ -382,11 +397,13 @@ def fit(
 def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
-    """Return the hinge of a body and a point, whose path is a circle about the axis."""
+    """Fit the hinge of body 1 and a point, body 2 without attitudes, from the circle on which the point moves;
+    return a HingeFit. Raise ArgumentError for an encoder or noise, which are not supported here.
+    """
     for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
         if value is not None:
             raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
-    fitted, clock = _circle_of_point(samples, LOSSES[loss], gauge, clock_offset)
+    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVES_BY_NAME[loss], gauge, clock_offset)
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:
         used = np.zeros_like(used)
@@ -400,20 +417,20 @@ def _fit_of_point(
     if samples.t is not None:
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
-    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_GOOD_WEIGHT * poses.weights)
+    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_INLIER_WEIGHT_RATIO * poses.weights)
     psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
     texts = [finding.text for finding in fitted.findings]
-    if clock is not None and abs(fitted.offset) > _MIN_CERTAIN_OFFSET * fitted.offset_std > 0:
-        texts += clock.offset_suspicions(fitted.offset)
-    texts += _sentences_on_missing(used, clock)
+    if clock is not None and abs(fitted.offset) > _MIN_MENTIONED_OFFSET_STDS * fitted.offset_std > 0:
+        texts += clock.clock_offset_sentences(fitted.offset)
+    texts += _missing_sample_sentences(used, clock)
     if samples.t is not None:
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.linalg.norm(poses.p, axis=0))
     return HingeFit(
         pair=HingePair(u1=u1, u2=u2, n=fitted.circle.n),
-        psi=_spread(psi, used),
+        psi=_scatter_used(psi, used),
         psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(fitted.covariance),
         std=std,
@@ -427,9 +444,9 @@ def _fit_of_point(
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
-        weights=_spread(fitted.weights, used, 0.0),
+        weights=_scatter_used(fitted.weights, used, 0.0),
         t=samples.t,
-        gap=_spread(gaps, used),
+        gap=_scatter_used(gaps, used),
         tilt=read_only(np.full(used.size, np.nan)),
         samples=int(used.sum()),
         body2=moved,
@@ -437,34 +454,38 @@ def _fit_of_point(
     )
 
 
-def _circle_of_point(
+def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Fit a circle to a point of body 2; also return the poses by clock offset, None if it is 0 or undetermined."""
+    """Fit a circle to a point of body 2. Return the CircleFit and the ClockedPoses that it is made of, None in
+    place of these where the clock offset is 0 or not determined.
+    """
     clock = None
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
         clock = ClockedPoses(samples, loss)
     if clock is not None and clock_offset is not None:
-        there = _overlapping(clock, clock_offset)
+        there = _poses_at_known_offset(clock, clock_offset)
         return fit_circle(there, loss, gauge)._replace(offset=clock_offset), clock
     poses = samples.poses(samples.known1 & samples.known2)
-    if clock is not None and poses.samples >= FEWEST:
-        fitted = fit_circle(poses, loss, gauge, clock.at, clock.likeliest(circle_misfit))
-        if fitted.shows_offset(clock.noise_at(fitted.offset)):
+    if clock is not None and poses.samples >= MIN_PIECE_SAMPLES:
+        fitted = fit_circle(poses, loss, gauge, clock.poses_at, clock.most_likely_offset(circle_misfit))
+        if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
             return fitted, clock
     return fit_circle(poses, loss, gauge), None
 
 
-def _overlapping(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
-    """Return the poses at a known clock offset, or refuse one at which hardly any samples are left."""
-    there = clock.at(clock_offset)._replace(rates=None)
+def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
+    """Return the relative poses at a clock offset that the user gave; raise ArgumentError where fewer than two
+    samples overlap.
+    """
+    there = clock.poses_at(clock_offset)._replace(rates=None)
     if there.samples < 2:
         raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
     return there
 
 
-def _sentences_on_missing(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence on the samples that were not used; empty if all were."""
+def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
+    """Return a list with one sentence on how many samples were not used; an empty list where all were."""
     if used.all():
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
@@ -474,15 +495,16 @@ def _sentences_on_missing(used: NDArray[np.bool_], clock: ClockedPoses | None) -
 def _estimate(
     samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
-    """Return the most likely hinge, poses by clock offset, the poses at that of the estimate, and which samples.
+    """Return the most likely hinge, the ClockedPoses (None where the clock offset is 0 or not determined), the
+    relative poses at the estimated offset, and a boolean array of the samples used.
 
-    An offset that the motion does not determine is taken as 0; then there are no poses by clock offset.
+    A clock offset that the motion does not determine is taken as 0. Raise FitError where the bodies do not turn.
     """
     poses = samples.poses(used)
     check_turning(poses)
     estimate, clock = _most_likely(samples, poses, loss, clock_offset)
     if clock is not None:
-        poses, used = clock.at(estimate.offset), np.zeros_like(used)
+        poses, used = clock.poses_at(estimate.offset), np.zeros_like(used)
         used[clock.rows(estimate.offset)] = True
         if clock_offset is not None:
             poses = poses._replace(rates=None)
@@ -492,87 +514,98 @@ def _estimate(
 def _most_likely(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge, and the poses by clock offset where that is not 0 or not known to be."""
-    start = None if loss is None else closed_form_of_most(poses)
+    """Return the most likely hinge, and the ClockedPoses that it is made of: None where the clock offset is given
+    as 0 or is not determined by the motion.
+    """
+    start = None if loss is None else robust_closed_form_hinge(poses)
     clock = None
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
         clock = ClockedPoses(samples, loss)
     if clock is not None and clock_offset is not None:
-        there = _overlapping(clock, clock_offset)
-        estimate = most_likely(there, start or closed_form(there.thinned(_MAX_STARTED)), loss)
+        there = _poses_at_known_offset(clock, clock_offset)
+        estimate = most_likely_hinge(there, start or closed_form_hinge(there.thinned(_MAX_CLOSED_FORM_SAMPLES)), loss)
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
-        near = clock.likeliest(functools.partial(hinge_misfit, start=start))
-        first = start or closed_form(clock.at(near, _MAX_STARTED))
-        estimate = most_likely(poses, first, loss, clock.at, near)
-        real, noisy = (at(estimate.offset, _MAX_STARTED) for at in (clock.at, clock.noise_at))
-        if estimate.still and shows_offset(real, noisy, estimate, loss):
+        near = clock.most_likely_offset(functools.partial(hinge_misfit, known_hinge=start))
+        first = start or closed_form_hinge(clock.poses_at(near, _MAX_CLOSED_FORM_SAMPLES))
+        estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
+        real, noisy = (at(estimate.offset, _MAX_CLOSED_FORM_SAMPLES) for at in (clock.poses_at, clock.noise_poses_at))
+        if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
             return estimate, clock
-    return most_likely(poses, start or closed_form(poses.thinned(_MAX_STARTED)), loss), None
+    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_MAX_CLOSED_FORM_SAMPLES)), loss), None
 
 
-def _offset_deviation(poses: RelativePoses, seen: Judged, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset: 0 of a known one, inf where the motion does not show it."""
+def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
+    """Return the standard deviation of the clock offset [s]: 0 where the offset was given, inf where the motion
+    does not determine it.
+    """
     if poses.rates is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
-    return np.float64(np.sqrt(seen.covariance[PARAMETERS, PARAMETERS]))
+    return np.float64(np.sqrt(residuals.covariance[NUM_HINGE_PARAMETERS, NUM_HINGE_PARAMETERS]))
 
 
-def _encoder_line(line: Line, poses: RelativePoses, hinge: Hinge, seen: Judged, noise: Noise) -> EncoderFit:
-    """Return what psi is by the reading of an encoder, with standard deviations."""
+def _encoder_fit(
+    line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
+) -> EncoderFit:
+    """Return the encoder's zero, scale and noise with standard deviations, with the zero counted from psi = 0 of
+    the fitted hinge.
+    """
     off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
-    by_hinge = _zero_by_hinge(poses, hinge)
+    by_hinge = _encoder_zero_derivatives(poses, hinge)
     chosen = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
     change = np.append(by_hinge, 1.0)
-    variance = change @ seen.covariance[np.ix_(chosen, chosen)] @ change
+    variance = change @ residuals.covariance[np.ix_(chosen, chosen)] @ change
     return EncoderFit(
         zero=float(off),
         scale=line.slope,
         noise=float(np.sqrt(noise.encoder)),
         std={
             "zero": np.float64(np.sqrt(max(variance, 0.0))),
-            "scale": np.sqrt(max(seen.covariance[-1, -1], np.float64(0.0))),
+            "scale": np.sqrt(max(residuals.covariance[-1, -1], np.float64(0.0))),
         },
     )
 
 
-def _zero_by_hinge(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return by how much the encoder's zero changes with turns of n (2) and m (2), since `home` turns with them."""
-    some = poses.thinned(MAX_FRAMED)
+def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
+    """Return the derivatives of the encoder's zero by two turns of n and two of m, (4,), by central differences;
+    they come in as psi = 0 moves with the axes.
+    """
+    some = poses.thinned(MAX_FRAME_TURN_SAMPLES)
     changes = []
-    for step in _FIT_DIFFERENCE * np.eye(PARAMETERS)[:4]:
+    for step in _ENCODER_DERIVATIVE_TURN * np.eye(NUM_HINGE_PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
-            ends.append(turned_frames(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _FIT_DIFFERENCE))
+            ends.append(frame_turn_angle(some, hinge, moved) - turn)
+        changes.append((ends[0] - ends[1]) / (2 * _ENCODER_DERIVATIVE_TURN))
     return np.array(changes)
 
 
 def _finite_lists(value: Any) -> Any:
-    """Return a number, or nested lists of numbers, for JSON: None in place of one that is not finite."""
+    """Return nested lists of numbers, or one number, for JSON: each that is not finite is replaced by None."""
     if isinstance(value, list):
         return [_finite_lists(one) for one in value]
     return value if np.isfinite(value) else None
 
 
-def _spread(values: Float64Array, used: NDArray[np.bool_], missing: float = np.nan) -> Float64Array:
-    """Return values of the samples used at their places among all samples."""
-    whole = np.full(used.shape, missing)
-    whole[used] = values
-    return read_only(whole)
-
-
-def _unwrap_angles(psi: Float64Array, good: NDArray[np.bool_]) -> Float64Array:
-    """Return angles without jumps by 2 pi from good sample to good sample, the first of these in [-pi, pi].
-
-    The other samples are as near to the last good one as whole turns allow.
+def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: float = np.nan) -> Float64Array:
+    """Return a read-only array over all samples, with the values of the used samples at their places and
+    `fill_value` at the others.
     """
-    whole = np.unwrap(psi[good])
+    all_samples = np.full(is_used.shape, fill_value)
+    all_samples[is_used] = values
+    return read_only(all_samples)
+
+
+def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:
+    """Return angles [rad] without jumps by 2 pi between neighbouring good samples, the first good one in [-pi, pi].
+    Each other sample is within pi of the last good one before it.
+    """
+    whole = np.unwrap(psi[is_good])
     whole = whole - 2 * np.pi * np.rint(whole[:1] / (2 * np.pi))
-    if good.all():
+    if is_good.all():
         return whole
-    before = whole[np.maximum(np.cumsum(good) - 1, 0)] if whole.size else np.zeros_like(psi)
+    before = whole[np.maximum(np.cumsum(is_good) - 1, 0)] if whole.size else np.zeros_like(psi)
     return psi - 2 * np.pi * np.rint((psi - before) / (2 * np.pi))

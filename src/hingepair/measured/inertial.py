@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.measured.findings import MAX_NEIGHBOUR_CORRELATION, MAX_RELATIVE_POINT_STD
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
-from hingepair.measured.likelihood import summed_neighbours
-from hingepair.measured.spline import FEWEST, smooth_columns
+from hingepair.measured.likelihood import num_neighbours_to_sum
+from hingepair.measured.spline import MIN_PIECE_SAMPLES, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
 from hingepair.numeric.suspicions import accelerometer_suspicions, gyroscope_suspicions
@@ -34,21 +35,19 @@ from hingepair.rotations.matrices import skew
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
-_MAX_ROUGH = 400  # samples that starts are tried with
+_MAX_START_TRIAL_SAMPLES = 400  # samples that starts are tried with
 # Number of random starts of a fit.
-_RANDOM_STARTS = 10
-_MAX_DESCENT_STEPS, _MAX_ROUGH_STEPS = 60, 12  # of a descent; of one that compares starts
-_BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
-_KNOWN_BIAS = 1e-9  # standard deviation of a bias that is known to be 0
-_INERTIAL_ROUNDING = 1e-13  # residuals, in parts of what is measured, that rounding explains
+_NUM_RANDOM_STARTS = 10
+_MAX_DESCENT_STEPS, _MAX_START_STEPS = 60, 12  # of a descent; of one that compares starts
+_NUM_BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
+_KNOWN_BIAS_STD = 1e-9  # standard deviation of a bias that is known to be 0
+_RELATIVE_ROUNDING_RESIDUAL = 1e-13  # residuals, in parts of what is measured, that rounding explains
 _MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
-_MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the larger lever
-_MIN_LEVER = 0.1  # [m]: shorter levers are judged as if they had this length
-_MAX_SCATTER = 0.3  # of the rates across the axis, in parts of all rates
-_MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
+_MIN_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
+_MAX_RATE_RESIDUAL_RATIO = 0.3  # of the rates across the axis, in parts of all rates
 _MAX_SYSTEMATIC_RATE, _MAX_SYSTEMATIC_FORCE = 0.05, 0.07
 """Residuals that are no noise and can be put up with: in parts of all rates, and of the difference of both forces."""
-_MIN_CORRELATION = 0.2  # of the angle's changes with its rate, from which the sign of n2 is shown
+_MIN_SIGN_CORRELATION = 0.2  # of the angle's changes with its rate, from which the sign of n2 is shown
 _MIN_EIGENVALUE_RATIO = 1e-10  # of the normal matrix to its largest, from which a direction is not rounding
 _MIN_AXIS_SIGNAL, _MIN_POINT_SIGNAL = 10.0, 2.0
 """Sizes of the normal matrix from which a direction of the axes, of the point, is shown, in parts of what noise adds
@@ -57,7 +56,8 @@ to it. Of the axes that is more than the variance of the rates says where rates 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AxisFit:
-    """The hinge axis in the axes of each body, from the angular velocities of both.
+    """What `fit_axis` returns: the hinge axis in the axes of each body, the biases of both gyroscopes, and standard
+    deviations.
 
     Attributes:
         n1: axis in body 1's axes, unit; (3,). It is `HingePair.n`.
@@ -84,7 +84,8 @@ class AxisFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AnchorFit:
-    """The hinge point relative to each of two inertial sensors, from their specific forces and angular velocities.
+    """What `fit_anchor` returns: the hinge point as seen from each of two inertial sensors, the biases of both
+    accelerometers, and their covariance.
 
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
@@ -111,7 +112,7 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
-    """Fit the hinge axis to two gyroscopes, one on either body.
+    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on either body; return an AxisFit.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; in the order of time and at even
@@ -137,33 +138,37 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     >>> found.n1.round(9) + 0.0, found.n2.round(9) + 0.0
     (array([0., 0., 1.]), array([0., 0., 1.]))
     """
-    omega1, omega2 = _checked_columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
+    omega1, omega2 = _checked_vectors({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
-    if known.sum() < FEWEST or size == 0:
+    if known.sum() < MIN_PIECE_SAMPLES or size == 0:
         raise FitError(
-            "omega1_b1, omega2_b2", f"at least {FEWEST} finite samples of bodies that turn", int(known.sum())
+            "omega1_b1, omega2_b2",
+            f"at least {MIN_PIECE_SAMPLES} finite samples of bodies that turn",
+            int(known.sum()),
         )
     w1, w2 = omega1[known], omega2[known]
-    step = -(-w1.shape[0] // _MAX_ROUGH)
+    step = -(-w1.shape[0] // _MAX_START_TRIAL_SAMPLES)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
-    axes, rest = _fit_from_starts(_across(thin1, thin2), _across(w1, w2), _turned, starts)
+    axes, rest = _fit_from_starts(
+        _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _turned, starts
+    )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     sought, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and rest @ rest > (_INERTIAL_ROUNDING * size) ** 2:
-        for _ in range(_BIAS_ROUNDS):
+    if bias > 0 and rest @ rest > (_RELATIVE_ROUNDING_RESIDUAL * size) ** 2:
+        for _ in range(_NUM_BIAS_ROUNDS):
             prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
-            sought, whole = _descended(_across(w1, w2, prior), _turned, sought)
+            sought, whole = _levenberg_marquardt(_rate_residual_function(w1, w2, prior), _turned, sought)
             rest = whole[: w1.shape[0]]
     n1, n2, bias1, bias2 = sought
-    alike = [_follows(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
+    alike = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
     if alike[1] > alike[0]:
         n2 = -n2
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
-    _, change = _across(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
+    _, change = _rate_residual_function(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
     rms = float(np.sqrt(rest @ rest / rest.size))
-    own, beside, bias_std = _without_biases(change, 4, rest, prior, bias)
+    own, beside, bias_std = _derivatives_without_biases(change, 4, rest, prior, bias)
     covariance, unseen = _covariance(np.zeros(4), rest, own, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL, beside)
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
@@ -175,14 +180,14 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if s > _MAX_INERTIAL_AXIS_STD
     ]
     usual = size / np.sqrt(2 * w1.shape[0])
-    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > _MAX_CORRELATION:
+    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > MAX_NEIGHBOUR_CORRELATION:
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
         )
-    elif rms > _MAX_SCATTER * usual:
+    elif rms > _MAX_RATE_RESIDUAL_RATIO * usual:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(alike) < _MIN_CORRELATION:
+    if max(alike) < _MIN_SIGN_CORRELATION:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
@@ -212,7 +217,8 @@ def fit_anchor(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
-    """Fit the hinge point to two inertial sensors, one on either body: gyroscope and accelerometer.
+    """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on
+    either body; return an AnchorFit.
 
     Angular velocities are smoothed and differentiated (`hingepair.smooth` says how); forces are taken as they are.
 
@@ -244,9 +250,11 @@ def fit_anchor(
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    where = split_at_gaps(time, known, checked_gaps(gaps), FEWEST)
+    where = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE_SAMPLES)
     if not where:
-        raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
+        raise FitError(
+            ", ".join(given), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+        )
     used = np.concatenate(where)
     smooth = [smooth_columns(time, omega, where, None) for omega in (omega1, omega2)]
     gammas = [acceleration_matrices(*each.values[:2, used]) for each in smooth]
@@ -264,8 +272,8 @@ def fit_anchor(
     rates, changes = [[each.values[order, used] for each in smooth] for order in range(2)]
     sought, rest, prior = _point_and_biases(forces, rates, changes, usual)
     u = sought[:6]
-    _, change = _felt(forces, rates, changes, prior)(sought)
-    own, beside, bias_std = _without_biases(change, 6, rest, prior, usual)
+    _, change = _force_residual_function(forces, rates, changes, prior)(sought)
+    own, beside, bias_std = _derivatives_without_biases(change, 6, rest, prior, usual)
     change = np.concatenate((own, beside))
     if n1 is None or n2 is None:
         along = np.linalg.eigh(change.T @ change)[1][:, 0]
@@ -277,7 +285,7 @@ def fit_anchor(
     u = gauge @ u  # what is along both axes is not seen
     across = np.linalg.svd(along[None])[2][1:].T
     deviations = [each.deviations[1, used] for each in smooth]
-    noise = _noise_of_levers(forces, gammas, u, deviations)
+    noise = _lever_noise_matrix(forces, gammas, u, deviations)
     inner, unseen = _covariance(
         across.T @ u, rest, own @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL, beside @ across
     )
@@ -285,8 +293,8 @@ def fit_anchor(
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
-    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER)
-    findings = _point_findings(std, reach, rest, forces)
+    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER_LENGTH)
+    findings = _point_sentences(std, reach, rest, forces)
     ok = not findings
     for name, column in given.items():
         check = gyroscope_suspicions if name.startswith("omega") else accelerometer_suspicions
@@ -304,22 +312,27 @@ def fit_anchor(
     )
 
 
-def _point_findings(std: float, reach: float, rest: Float64Array, forces: list[Float64Array]) -> list[str]:
-    """Return why the hinge point cannot be relied on, in sentences.
+def _point_sentences(
+    std: float, lever_length: float, residuals: Float64Array, forces: list[Float64Array]
+) -> list[str]:
+    """Return a list of sentences on why the fitted hinge point cannot be relied on; an empty list where it can.
 
     Args:
         std: largest standard deviation of a coordinate [m].
-        reach: length of the longer lever [m].
-        rest: differences of the forces' sizes at the hinge point [m/s^2]; (N,).
+        lever_length: length of the longer lever [m].
+        residuals: differences of the forces' sizes at the hinge point [m/s^2]; (N,).
         forces: what both sensors feel; (N, 3) each.
     """
     findings = []
-    if not std <= _MAX_POINT_STD * reach:
+    if not std <= MAX_RELATIVE_POINT_STD * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
-    rms = float(np.sqrt(np.mean(rest**2)))
+    rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
-    if rms > _MAX_SYSTEMATIC_FORCE * np.sqrt(np.mean(apart**2)) and _correlation(rest) > _MAX_CORRELATION:
+    if (
+        rms > _MAX_SYSTEMATIC_FORCE * np.sqrt(np.mean(apart**2))
+        and _correlation(residuals) > MAX_NEIGHBOUR_CORRELATION
+    ):
         findings.append(
             f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
             "bodies, or the clocks, units or axes of the sensors differ."
@@ -333,59 +346,80 @@ def _correlation(rest: Float64Array) -> float:
     return float(rest[1:] @ rest[:-1]) / power if power > 0 else 0.0
 
 
-def checked_recording(t: ArrayLike, given: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
-    """Return the instants of a recording [s], (N,), and its vectors, each (N, 3); refuse another number of them."""
+def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
+    """Return the instants of a recording [s] (N,), counted from the first, and a list of its named vectors as
+    arrays (N, 3). Raise ShapeError where they differ in length.
+    """
     time, _ = increasing_seconds("t", t)
-    columns = _checked_columns(given)
+    columns = _checked_vectors(named_vectors)
     if columns[0].shape[0] != time.size:
-        raise ShapeError(next(iter(given)), f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+        raise ShapeError(next(iter(named_vectors)), f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
     return time, columns
 
 
-def _checked_columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
-    """Return vectors along time, all of one shape (N, 3), or refuse the first of another shape."""
-    found = [vectors(name, value, 3).astype(np.float64) for name, value in given.items()]
-    for name, array in zip(given, found, strict=True):
-        if array.ndim != 2 or array.shape != found[0].shape:
-            shape = f"shape {found[0].shape}, as {next(iter(given))}" if found[0].ndim == 2 else "shape (N, 3)"
+def _checked_vectors(named_vectors: dict[str, ArrayLike]) -> list[Float64Array]:
+    """Return a list of named vectors as float64 arrays of shape (N, 3); raise ShapeError that names the first of
+    another shape.
+    """
+    arrays = [vectors(name, value, 3).astype(np.float64) for name, value in named_vectors.items()]
+    for name, array in zip(named_vectors, arrays, strict=True):
+        if array.ndim != 2 or array.shape != arrays[0].shape:
+            shape = (
+                f"shape {arrays[0].shape}, as {next(iter(named_vectors))}" if arrays[0].ndim == 2 else "shape (N, 3)"
+            )
             raise ShapeError(name, shape, f"shape {array.shape}")
-    return found
+    return arrays
 
 
 def _point_and_biases(
-    forces: list[Float64Array], rates: list[Float64Array], changes: list[Float64Array], usual: Float64Array
+    forces: list[Float64Array],
+    rates: list[Float64Array],
+    rate_derivatives: list[Float64Array],
+    bias_stds: Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the most likely (u1, u2, biases), what is left of each sample, and the priors of the biases.
+    """Fit the levers (u1, u2) and the biases of both sensors; return them in one array, with the residuals of the
+    samples and the weights that held the biases near 0.
 
     Args:
         forces: what both sensors feel; (N, 3) each.
         rates: angular velocities; (N, 3) each.
-        changes: their derivatives; (N, 3) each.
-        usual: standard deviations of the biases beforehand, of both accelerometers and both gyroscopes; (12,).
+        rate_derivatives: their derivatives; (N, 3) each.
+        bias_stds: standard deviations of the biases beforehand, of both accelerometers and both gyroscopes; (12,).
 
     Returns:
-        Shapes (18,), (N,), and (12,): standard deviation of a residual in those of each bias.
+        Shapes (18,), (N,) and (12,). A weight is the standard deviation of a residual divided by that of the bias.
     """
     count = rates[0].shape[0]
     rng = np.random.default_rng(0)
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-count // _MAX_ROUGH))
-    thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, changes))
-    u, rest = _fit_from_starts(_felt(thin1, thin2, thin3), _felt(forces, rates, changes), np.add, starts)
-    sought, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if usual.any() and rest @ rest > _INERTIAL_ROUNDING**2 * sum(float((force * force).sum()) for force in forces):
-        for _ in range(_BIAS_ROUNDS):
-            size = np.sqrt(rest @ rest / rest.size)
-            prior = size / np.where(usual > 0, usual, _KNOWN_BIAS)
-            sought, whole = _descended(_felt(forces, rates, changes, prior), np.add, sought)
+    some = slice(None, None, -(-count // _MAX_START_TRIAL_SAMPLES))
+    thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, rate_derivatives))
+    u, rest = _fit_from_starts(
+        _force_residual_function(thin1, thin2, thin3),
+        _force_residual_function(forces, rates, rate_derivatives),
+        np.add,
+        starts,
+    )
+    unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
+    if bias_stds.any() and rest @ rest > _RELATIVE_ROUNDING_RESIDUAL**2 * sum(
+        float((force * force).sum()) for force in forces
+    ):
+        for _ in range(_NUM_BIAS_ROUNDS):
+            noise = np.sqrt(rest @ rest / rest.size)
+            prior = noise / np.where(bias_stds > 0, bias_stds, _KNOWN_BIAS_STD)
+            unknowns, whole = _levenberg_marquardt(
+                _force_residual_function(forces, rates, rate_derivatives, prior), np.add, unknowns
+            )
             rest = whole[:count]
-    return sought, rest, prior
+    return unknowns, rest, prior
 
 
-def _noise_of_levers(
+def _lever_noise_matrix(
     forces: list[Float64Array], gammas: list[Float64Array], u: Float64Array, deviations: list[Float64Array]
 ) -> Float64Array:
-    """Return what noise of the angular accelerations (N,) adds to the normal matrix of (u1, u2); (6, 6)."""
+    """Return the matrix (6, 6) that noise of the angular accelerations, of the given standard deviations (N,) in
+    each body, adds to the normal matrix of (u1, u2).
+    """
     noise = np.zeros((6, 6))
     for rows, force, gamma, deviation in zip((slice(0, 3), slice(3, 6)), forces, gammas, deviations, strict=True):
         felt = force + gamma @ u[rows]
@@ -395,49 +429,61 @@ def _noise_of_levers(
     return noise
 
 
-def _without_biases(
-    change: Float64Array, count: int, rest: Float64Array, prior: Float64Array, usual: float | Float64Array
+def _derivatives_without_biases(
+    derivatives: Float64Array,
+    num_parameters: int,
+    residuals: Float64Array,
+    prior: Float64Array,
+    bias_stds: float | Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return derivatives by the first parameters less what biases explain of them, and the biases' deviations.
+    """Return the derivatives of the residuals by the parameters less the part that changed biases could explain, of
+    the samples and of the priors, and the standard deviations of the biases.
 
     Args:
-        change: derivatives of the residuals by the parameters and biases, priors of biases last; (N + b, count + b),
-            or (N, count + b) where there is no prior.
-        count: of the parameters.
-        rest: residuals of the samples; (N,).
+        derivatives: of the residuals by the k parameters and b biases, priors of biases last; (N + b, k + b), or
+            (N, k + b) where there is no prior.
+        num_parameters: k.
+        residuals: residuals of the samples; (N,).
         prior: standard deviation of a residual in those of each bias; (b,).
-        usual: standard deviations of the biases beforehand.
+        bias_stds: standard deviations of the biases beforehand.
 
     Returns:
-        Those of the samples (N, count), those of the priors (b, count), and standard deviations of the biases (b,).
+        Derivatives of the samples (N, k), those of the priors (b, k), and standard deviations of the biases (b,).
     """
-    samples, biases = rest.size, change.shape[1] - count
+    samples, biases = residuals.size, derivatives.shape[1] - num_parameters
     if not prior.any():
-        return change[:samples, :count], np.zeros((0, count)), np.broadcast_to(usual, biases).astype(np.float64)
-    own, beside = change[:, :count], change[:, count:]
-    left = own - beside @ np.linalg.lstsq(beside, own)[0]
-    kept = beside - own @ np.linalg.lstsq(own, beside)[0]
-    deviations = np.sqrt(np.mean(rest * rest) * np.diagonal(np.linalg.pinv(kept.T @ kept)))
-    return left[:samples], left[samples:], deviations
+        return (
+            derivatives[:samples, :num_parameters],
+            np.zeros((0, num_parameters)),
+            np.broadcast_to(bias_stds, biases).astype(np.float64),
+        )
+    parameter_part, bias_part = derivatives[:, :num_parameters], derivatives[:, num_parameters:]
+    without_biases = parameter_part - bias_part @ np.linalg.lstsq(bias_part, parameter_part)[0]
+    without_parameters = bias_part - parameter_part @ np.linalg.lstsq(parameter_part, bias_part)[0]
+    deviations = np.sqrt(
+        np.mean(residuals * residuals) * np.diagonal(np.linalg.pinv(without_parameters.T @ without_parameters))
+    )
+    return without_biases[:samples], without_biases[samples:], deviations
 
 
-def _felt(
+def _force_residual_function(
     forces: list[Float64Array],
     rates: list[Float64Array],
-    changes: list[Float64Array],
+    rate_derivatives: list[Float64Array],
     prior: Float64Array | None = None,
 ) -> Linearise:
-    """Return the function of (u1, u2) that gives by how much the forces at the hinge point differ in size.
+    """Return a function of the levers (u1, u2) that computes the residuals, the differences of the two forces' sizes
+    at the hinge point (N,), and their derivatives (N, 6).
 
-    It returns the difference between what both sensors feel there and its derivatives; (N,), (N, 6). With priors the
-    biases of both accelerometers and of both gyroscopes are parameters too; (N + 12,), (N + 12, 18).
+    With priors the biases of both accelerometers and of both gyroscopes are unknowns too; then the shapes are
+    (N + 12,) and (N + 12, 18).
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals of the samples and their derivatives by the unknowns."""
+        """Return the residuals of the samples at the unknowns x, and their derivatives by the unknowns."""
         biases = np.zeros(12) if prior is None else x[6:]
         felt, by_lever, by_bias, by_rate = [], [], [], []
-        for i, (force, omega, alpha) in enumerate(zip(forces, rates, changes, strict=True)):
+        for i, (force, omega, alpha) in enumerate(zip(forces, rates, rate_derivatives, strict=True)):
             own = slice(3 * i, 3 * i + 3)
             u, turning = x[own], omega - biases[6:][own]
             gamma = acceleration_matrices(turning, alpha)
@@ -463,26 +509,29 @@ def _felt(
 
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
-    """Return axes to start from: those of the squared condition, which is linear in n n^T; principal; random ones."""
+    """Return a list of axes (n1, n2), each of shape (2, 3), to start a fit from: those of linear least squares in
+    n n^T, the principal axes of rotation, and random ones.
+    """
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
     size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
     squares = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=-1), size)[0].reshape(2, 3, 3)
     linear = np.linalg.eigh((squares + np.swapaxes(squares, -1, -2)) / 2)[1][..., -1]
     principal = np.linalg.eigh(np.stack((w1.T @ w1, w2.T @ w2)))[1][..., -1]
-    random = np.random.default_rng(0).normal(size=(_RANDOM_STARTS, 2, 3))
+    random = np.random.default_rng(0).normal(size=(_NUM_RANDOM_STARTS, 2, 3))
     random /= np.linalg.norm(random, axis=-1, keepdims=True)
     return [linear, principal, *random]
 
 
-def _across(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
-    """Return the function of (n1, n2) that gives the difference of the rates across them; (N,).
+def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
+    """Return a function of the axes (n1, n2) that computes the residuals, the differences of the two angular rates'
+    sizes across the axes (N,), and their derivatives (N, 4).
 
-    It returns the derivatives by turns of both axes across themselves as well; (N, 4). With priors the function is
-    one of (n1, n2, bias1, bias2); (N + 6,), (N + 6, 10).
+    The derivatives are by two turns of each axis across itself. With priors the function is one of (n1, n2, bias1,
+    bias2), and the shapes are (N + 6,) and (N + 6, 10).
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals of the samples and their derivatives by the unknowns."""
+        """Return the residuals of the samples at the unknowns x, and their derivatives by the unknowns."""
         axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
         frames = [frame(n) for n in axes]
         in_axes = [(w - bias) @ own for w, bias, own in zip((w1, w2), biases, frames, strict=True)]
@@ -507,11 +556,12 @@ def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
     return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
 
 
-def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
-    """Return how changes of the angle between both rates across the axis correlate with those that psi' makes.
+def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
+    """Return the correlation between changes of the hinge angle, seen from the rates across the axis, and the
+    integrated rate about it. It is positive where n1 and n2 point the same way.
 
-    Over one, four, sixteen ... steps; the largest counts: over few steps noise is more than the change, over many the
-    angle turns around.
+    Changes are taken over one, four, sixteen ... steps and the largest correlation counts: over few steps noise
+    exceeds the change, over many the angle turns around.
     """
     a, b = omega1 @ frame(n1), omega2 @ frame(n2)
     across = (a[:, 0] + 1j * a[:, 1]) * (b[:, 0] - 1j * b[:, 1])
@@ -535,71 +585,75 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
 
 
 def _fit_from_starts(
-    rough: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
+    linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least squares solution from the best of some starts, and the residual of each sample.
-
-    The starts are compared by `rough`, which takes some of the samples.
+    """Return the least-squares solution that the best of several starts leads to, and its residuals. The starts are
+    compared by `linearise_few`, which uses fewer samples than `linearise`.
     """
-    tried = [_descended(rough, move, start, _MAX_ROUGH_STEPS) for start in starts]
-    return _descended(linearise, move, min(tried, key=lambda found: float(found[1] @ found[1]))[0])
+    tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_STEPS) for start in starts]
+    return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
 
 
-def _descended(
-    linearise: Linearise, move: Move, start: Float64Array, steps: int = _MAX_DESCENT_STEPS
+def _levenberg_marquardt(
+    linearise: Linearise, move: Move, start: Float64Array, max_steps: int = _MAX_DESCENT_STEPS
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least squares solution from a start (Levenberg and Marquardt), and the residual of each sample."""
-    at, (rest, change) = start, linearise(start)
-    cost, damping = float(rest @ rest), 1e-3
-    for _ in range(steps):
-        normal = change.T @ change
-        step = -np.asarray(np.linalg.lstsq(normal + damping * np.diag(np.diagonal(normal)), change.T @ rest)[0])
-        there = move(at, step)
-        trial = linearise(there)
+    """Return the least-squares solution reached from a start by the Levenberg-Marquardt method, and its residuals.
+    `linearise` returns residuals and derivatives, `move` applies a step.
+    """
+    unknowns, (residuals, derivatives) = start, linearise(start)
+    cost, damping = float(residuals @ residuals), 1e-3
+    for _ in range(max_steps):
+        normal = derivatives.T @ derivatives
+        step = -np.asarray(
+            np.linalg.lstsq(normal + damping * np.diag(np.diagonal(normal)), derivatives.T @ residuals)[0]
+        )
+        trial_unknowns = move(unknowns, step)
+        trial = linearise(trial_unknowns)
         size = float(trial[0] @ trial[0])
         if size <= cost:
             settled = float(np.abs(step).max()) < 1e-13 or cost - size < 1e-15 * cost
-            at, (rest, change), cost, damping = there, trial, size, damping / 10
+            unknowns, (residuals, derivatives), cost, damping = trial_unknowns, trial, size, damping / 10
             if settled:
                 break
         else:
             damping *= 10
             if damping > 1e12:
                 break
-    return at, rest
+    return unknowns, residuals
 
 
 def _covariance(
-    at: Float64Array,
-    rest: Float64Array,
-    change: Float64Array,
+    parameters: Float64Array,
+    residuals: Float64Array,
+    derivatives: Float64Array,
     noise: Float64Array,
     min_signal: float,
-    beside: Float64Array,
+    prior_rows: Float64Array,
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return the covariance of least squares, and which parameters the motion does not show at all.
+    """Return the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the parameters
+    that the motion does not determine.
 
-    Noise in the derivatives adds to the normal matrix, by which parameters come out too small. What is left of the
-    matrix without it says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores
+    Noise in the derivatives adds to the normal matrix, by which parameters come out too small. The matrix without
+    that noise says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores
     of neighbours are added up before they are squared), and the parameters' shrinking is taken for a further error.
 
     Args:
-        at: the parameters, from where noise does not shrink them; (k,).
-        rest: what is left of each sample; (N,).
-        change: its derivatives by the parameters; (N, k).
-        noise: what noise in `change` adds to the normal matrix; (k, k).
+        parameters: the parameters, from where noise does not shrink them; (k,).
+        residuals: what is left of each sample; (N,).
+        derivatives: its derivatives by the parameters; (N, k).
+        noise: what noise in `derivatives` adds to the normal matrix; (k, k).
         min_signal: size of the normal matrix from which a direction is shown, in parts of what noise adds to it.
-        beside: rows of priors, whose residuals scatter like those of the samples; (b, k).
+        prior_rows: rows of priors, whose residuals scatter like those of the samples; (b, k).
     """
-    normal = change.T @ change + beside.T @ beside
+    normal = derivatives.T @ derivatives + prior_rows.T @ prior_rows
     values, axes = np.linalg.eigh(normal - min_signal * noise)
     blind = values <= _MIN_EIGENVALUE_RATIO * np.linalg.norm(normal)
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
-    scores = (change * rest[:, None]).T
-    added = np.add.reduceat(scores, np.arange(0, rest.size, summed_neighbours(scores)[0]), axis=1)
-    free = rest.size / max(rest.size - change.shape[1], 1)
-    shrinking = inverse @ noise @ at
-    scatter = added @ added.T + np.mean(rest * rest) * beside.T @ beside
+    scores = (derivatives * residuals[:, None]).T
+    added = np.add.reduceat(scores, np.arange(0, residuals.size, num_neighbours_to_sum(scores)[0]), axis=1)
+    free = residuals.size / max(residuals.size - derivatives.shape[1], 1)
+    shrinking = inverse @ noise @ parameters
+    scatter = added @ added.T + np.mean(residuals * residuals) * prior_rows.T @ prior_rows
     covariance = free * inverse @ scatter @ inverse + np.outer(shrinking, shrinking)
     return covariance, (axes[:, blind] ** 2).sum(axis=1) > 1e-3

@@ -17,24 +17,24 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge, frame, home_angle, home_of
 from hingepair.measured.inertial import acceleration_matrices, checked_recording
-from hingepair.measured.likelihood import summed_neighbours
-from hingepair.measured.spline import FEWEST, inverse_bands, smooth_columns
+from hingepair.measured.likelihood import num_neighbours_to_sum
+from hingepair.measured.spline import MIN_PIECE_SAMPLES, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
-_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
-_MIN_SEEN = 0.05  # of the largest vector across the axis, from which one shows a direction
-_MAX_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
+_NUM_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
+_MIN_DIRECTION_SIZE_RATIO = 0.05  # of the largest vector across the axis, from which one shows a direction
+_MAX_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
 _DIRECTION_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
-_MAX_EXCESS = 3.0  # of the scatter of directions to that of their noise
-_MIN_NOISE = 1e-9  # [rad/s] of rates, [rad] of directions
-_GAP_NOISE = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
+_MAX_DIRECTION_SCATTER_RATIO = 3.0  # of the scatter of directions to that of their noise
+_MIN_NOISE_STD = 1e-9  # [rad/s] of rates, [rad] of directions
+_GAP_NOISE_STD = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AngleFit:
-    """The hinge angle from inertial sensors.
+    """What `fit_angle` returns: the hinge angle from inertial sensors, its rate, and standard deviations.
 
     Attributes:
         psi: hinge angle, without jumps by 2 pi, the first in [-pi, pi]; `HingePair.home` is the short way from n2 to
@@ -72,7 +72,8 @@ def fit_angle(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
-    """Fit the hinge angle to two inertial sensors whose hinge is known, from `fit_axis` and `fit_anchor`.
+    """Fit the hinge angle to the records of two inertial sensors, one on either body of a known hinge; return an
+    AngleFit. `fit_axis` and `fit_anchor` find the hinge.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
@@ -105,9 +106,11 @@ def fit_angle(
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
     longest = checked_gaps(gaps)
-    where = split_at_gaps(time, known, longest, FEWEST)
+    where = split_at_gaps(time, known, longest, MIN_PIECE_SAMPLES)
     if not where:
-        raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
+        raise FitError(
+            ", ".join(given), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+        )
     used = np.concatenate(where)
     seen = []
     for omega, force, lever, axis in zip(columns[::2], columns[1::2], levers, axes, strict=True):
@@ -115,7 +118,7 @@ def fit_angle(
         at_hinge = force[used] + acceleration_matrices(*smooth.values[:2, used]) @ lever
         seen.append([vector @ frame(axis) for vector in (omega[used], at_hinge)])
     rate = seen[1][0][:, 2] - seen[0][0][:, 2]
-    (turning, rate_noise), (pulling, _) = (_angles_seen(*both) for both in zip(*seen, strict=True))
+    (turning, rate_noise), (pulling, _) = (_angles_between(*both) for both in zip(*seen, strict=True))
     angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
     starts = np.cumsum([piece.size for piece in where])[:-1]
     found = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
@@ -126,20 +129,20 @@ def fit_angle(
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
-    if worst > _MAX_STD:
+    if worst > _MAX_ANGLE_STD:
         findings.append(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if found.excess > _MAX_EXCESS:
+    if found.excess > _MAX_DIRECTION_SCATTER_RATIO:
         findings.append(
             f"Directions are {found.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
         )
     return AngleFit(
-        psi=_scatter_used(psi, used, time.size),
-        psid=_scatter_used(rate - found.drift, used, time.size),
-        std=_scatter_used(std, used, time.size),
+        psi=_at_used_indices(psi, used, time.size),
+        psid=_at_used_indices(rate - found.drift, used, time.size),
+        std=_at_used_indices(std, used, time.size),
         drift=found.drift,
         drift_std=found.drift_std,
         noise=found.noise,
@@ -149,7 +152,7 @@ def fit_angle(
 
 
 class _AngleEstimate(NamedTuple):
-    """The most likely angle from body 1's `frame` to that of body 2, the drift of its rate, and scatters."""
+    """Estimate of the hinge angle over time and of the constant drift of its rate, with standard deviations."""
 
     psi: Float64Array  # [rad]; (N,)
     std: Float64Array  # (N,)
@@ -159,8 +162,9 @@ class _AngleEstimate(NamedTuple):
     excess: float  # scatter of the directions, in parts of what their noise explains
 
 
-def _angles_seen(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
-    """Return the angles by which both bodies see one vector across the axis, their variances, and the sensors' noise.
+def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
+    """Return the angles about the axis between a vector as body 1 sees it and as body 2 does, ((angles, variances),
+    noise): both of shape (N,), and the standard deviation of the sensors' difference.
 
     Args:
         first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).
@@ -172,12 +176,12 @@ def _angles_seen(first: Float64Array, second: Float64Array) -> tuple[tuple[Float
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
     sizes = np.abs(a), np.abs(b)
-    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_NOISE)
-    least = max(_MIN_SEEN * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_NOISE_STD)
+    least = max(_MIN_DIRECTION_SIZE_RATIO * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
     variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
-    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_NOISE**2)), noise
+    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_NOISE_STD**2)), noise
 
 
 def _most_likely_angle(
@@ -186,10 +190,11 @@ def _most_likely_angle(
     rate_noise: float,
     angles: Float64Array,
     variances: Float64Array,
-    bias: float,
-    starts: NDArray[np.intp],
+    bias_std: float,
+    piece_starts: NDArray[np.intp],
 ) -> _AngleEstimate:
-    """Compute the most likely angle for rates (N,) and angles (k, N), with a constant bias of the rate.
+    """Fit the angle to measured rates (N,) and to k measured angles (k, N), which are known up to whole turns; the
+    rates have a constant bias, estimated too. Return an _AngleEstimate.
 
     Args:
         t: instants [s]; (N,).
@@ -197,80 +202,86 @@ def _most_likely_angle(
         rate_noise: standard deviation of the rates [rad/s].
         angles: by directions, up to whole turns [rad]; (k, N).
         variances: of these, inf where there is none; (k, N).
-        bias: standard deviation of the bias beforehand [rad/s].
-        starts: samples at which the rates begin anew after a gap.
+        bias_std: standard deviation of the bias beforehand [rad/s].
+        piece_starts: samples at which the rates begin anew after a gap.
     """
     dt = np.diff(t)
-    turned = (rate[1:] + rate[:-1]) / 2 * dt
-    links = 1 / (rate_noise * dt) ** 2
-    links[starts - 1] = 1 / _GAP_NOISE**2
+    steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
+    step_weights = 1 / (rate_noise * dt) ** 2
+    step_weights[piece_starts - 1] = 1 / _GAP_NOISE_STD**2
     precision = 1 / variances
-    psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(turned))), angles, precision)
+    psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
-    for _ in range(_SMOOTHER_ROUNDS):
+    for _ in range(_NUM_SMOOTHER_ROUNDS):
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
         weights = precision / (1 + off**2 / _DIRECTION_LOSS_SCALE)
-        psi, _, _ = _solved(dt, turned, links, weights, near, bias)
+        psi, _, _ = _solve_smoother(dt, steps_of_angle, step_weights, weights, near, bias_std)
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
     excess, memory = 0.0, 1.0
     for row in rows:
-        if row.size > FEWEST:
-            together = summed_neighbours(row[None])[0]
+        if row.size > MIN_PIECE_SAMPLES:
+            together = num_neighbours_to_sum(row[None])[0]
             sums = np.add.reduceat(row, np.arange(0, row.size, together))
             excess = max(excess, float(np.sqrt(np.mean(row * row))))
             memory = max(memory, float((sums @ sums) / max(row @ row, 1e-300)))
     scale = max(excess, 1.0) ** 2 * memory
-    psi, std, (drift, drift_std) = _solved(dt, turned, links, weights / scale, near, bias)
+    psi, std, (drift, drift_std) = _solve_smoother(dt, steps_of_angle, step_weights, weights / scale, near, bias_std)
     seen = variances[np.isfinite(variances)]
     noise = float(np.sqrt(np.median(seen))) if seen.size else np.inf
     return _AngleEstimate(psi, std, drift, drift_std, noise, excess)
 
 
-def _unwrapped_start(turned: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
-    """Return the integrated rates, their slow drift corrected by measured directions, without jumps by 2 pi."""
-    off = (precision * np.exp(1j * (angles - turned))).sum(axis=0)
+def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
+    """Return a first estimate of the angle without jumps by 2 pi: the integrated rates, with their slow drift
+    corrected by the measured angles.
+    """
+    off = (precision * np.exp(1j * (angles - integrated_rates))).sum(axis=0)
     if not precision.any():
-        return turned
+        return integrated_rates
     total = np.concatenate(([0.0], np.cumsum(off)))
-    half = max(1, turned.size // 100)
-    place = np.arange(turned.size)
-    mean = total[np.minimum(place + half, turned.size)] - total[np.maximum(place - half, 0)]
-    return np.asarray(turned + np.unwrap(np.angle(mean)))
+    half = max(1, integrated_rates.size // 100)
+    place = np.arange(integrated_rates.size)
+    mean = total[np.minimum(place + half, integrated_rates.size)] - total[np.maximum(place - half, 0)]
+    return np.asarray(integrated_rates + np.unwrap(np.angle(mean)))
 
 
-def _solved(
+def _solve_smoother(
     dt: Float64Array,
-    turned: Float64Array,
-    links: Float64Array,
-    weights: Float64Array,
+    steps_of_angle: Float64Array,
+    step_weights: Float64Array,
+    angle_weights: Float64Array,
     angles: Float64Array,
-    bias: float,
+    bias_std: float,
 ) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
-    """Return the angle, its standard deviations, and the bias with its own: one tridiagonal system, bordered."""
+    """Return the angles (N,) of weighted least squares, their standard deviations, and the bias of the rate with
+    its own. `steps_of_angle` are measured changes between samples, `angles` (k, N) measured angles.
+    """
     from scipy.linalg import solveh_banded
 
-    count = turned.size + 1
+    count = steps_of_angle.size + 1
     right, border, matrix = np.zeros(count), np.zeros(count), np.zeros((2, count))
-    right[1:] += links * turned
-    right[:-1] -= links * turned
-    border[1:] += links * dt
-    border[:-1] -= links * dt
-    matrix[0, 1:] = -links
-    matrix[1, 1:] += links
-    matrix[1, :-1] += links
-    matrix[1] += weights.sum(axis=0) + 1 / _GAP_NOISE**2
-    right += (weights * np.where(weights > 0, angles, 0.0)).sum(axis=0)
+    right[1:] += step_weights * steps_of_angle
+    right[:-1] -= step_weights * steps_of_angle
+    border[1:] += step_weights * dt
+    border[:-1] -= step_weights * dt
+    matrix[0, 1:] = -step_weights
+    matrix[1, 1:] += step_weights
+    matrix[1, :-1] += step_weights
+    matrix[1] += angle_weights.sum(axis=0) + 1 / _GAP_NOISE_STD**2
+    right += (angle_weights * np.where(angle_weights > 0, angles, 0.0)).sum(axis=0)
     x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
-    own = (links * dt) @ dt + 1 / max(bias, _MIN_NOISE) ** 2 - border @ y
-    drift = float(((links * turned) @ dt - border @ x) / own)
+    own = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_NOISE_STD) ** 2 - border @ y
+    drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / own)
     variance = inverse_bands(matrix, 1)[0, :count] + y * y / own
     return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(own)))
 
 
-def _scatter_used(values: Float64Array, used: NDArray[np.intp], count: int) -> Float64Array:
-    """Return values of the samples used at their places among all samples, NaN elsewhere; (N,)."""
-    whole = np.full(count, np.nan)
-    whole[used] = values
-    return read_only(whole)
+def _at_used_indices(values: Float64Array, used_indices: NDArray[np.intp], num_samples: int) -> Float64Array:
+    """Return a read-only array of `num_samples` numbers, with the given values at the used indices and NaN
+    elsewhere.
+    """
+    all_samples = np.full(num_samples, np.nan)
+    all_samples[used_indices] = values
+    return read_only(all_samples)

@@ -32,35 +32,36 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
-PARAMETERS = 9
+NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
 _MAX_COMPONENT_SAMPLES, _MAX_SCORING_STEPS = 4096, 25  # of the variance components
-_MIN_VARIANCE_SHARE = 1e-3  # of the variance of a gap that is taken for noise of positions, at least
-_OFFSET_RATE = 5.0  # [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged
-_ROUNDING_OFFSET = 1e-12  # [s]
+_MIN_NOISE_VARIANCE_RATIO = 1e-3  # of the variance of a gap that is taken for noise of positions, at least
+# [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged.
+_OFFSET_TO_TURN_RATE = 5.0
+_ROUNDING_OFFSET_STEP = 1e-12  # [s]
 _MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
-_RESIDUAL_BLOCK_SIZE = 2048  # samples, that fit the caches
-_MAX_FIRST_SAMPLES = 16384  # samples that the first steps are taken with
+_SAMPLES_PER_BLOCK = 2048  # samples, that fit the caches
+MAX_FIRST_STEP_SAMPLES = 16384  # samples that the first steps are taken with
 _MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
-_MIN_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
+_MIN_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
 _MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of them [rad]
 _MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
-_ROUNDING_STEP = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
+_ROUNDING_STEP_SIZE = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
 _BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
-MAX_FRAMED = 100  # samples that tell how the axes of `frame` turned
-_MAX_ENCODER_OUTLIER = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
-MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
-MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
-_MIN_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
+MAX_FRAME_TURN_SAMPLES = 100  # samples that tell how the axes of `frame` turned
+_MAX_ENCODER_INLIER_RATIO = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
+MIN_CLOCK_OFFSET_SIGNAL_RATIO = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
+MAX_CLOCK_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
+_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _LOSS_SCALE = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
 _MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
 """Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
-_MEDIANS = {1: 0.4549, 2: 1.3863, 3: 2.3660}  # of chi-squared, by degrees of freedom
+CHI2_MEDIAN_BY_DOF = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-squared, by degrees of freedom
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
-LOSSES: dict[str, Loss | None] = {
+LOSS_DERIVATIVES_BY_NAME: dict[str, Loss | None] = {
     "linear": None,
     "soft_l1": lambda z: ((1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "huber": lambda z: (np.maximum(z, 1) ** -0.5, np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
@@ -71,22 +72,28 @@ LOSSES: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances of the noise, or what multiplies those that are told."""
+    """Variances of the noise of relative positions, of relative attitudes and of the encoder. Where the user gave
+    standard deviations, the first two are factors on their squares.
+    """
 
     place: float  # of a component of R2 - R1 [m^2]
     attitude: float  # of a component of the relative attitude [rad^2]
     encoder: float = 0.0  # of an encoder's reading, as a hinge angle [rad^2]
 
 
-class Line(NamedTuple):
-    """The angle about the hinge, from one `frame` to the other, as an encoder reads it: zero + slope * reading."""
+class EncoderLine(NamedTuple):
+    """The line psi = zero + slope * reading between the reading of an encoder and the hinge angle, which is
+    counted from one `frame` to the other.
+    """
 
     zero: float  # [rad]
     slope: float  # [rad] in a unit of the reading
 
 
 class SampleResiduals(NamedTuple):
-    """Residuals of the constraints E1 and E2 at some samples, in axes along the hinge."""
+    """Residuals of the hinge constraints E1 and E2 at a block of samples, in axes along the hinge, with what their
+    covariance is computed from.
+    """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
     p: Float64Array  # relative place [m]; shape (3, M)
@@ -101,18 +108,24 @@ class SampleResiduals(NamedTuple):
 
     @property
     def psi(self) -> Float64Array:
-        """Return the angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (M,)."""
+        """Return the angle about the hinge axis from the `frame` of n in body 1 to that of m in body 2, in [-pi,
+        pi] [rad]; shape (M,).
+        """
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
-        """Return the variances of place and attitude, and body 1's share of the latter: numbers or shape (M,)."""
+        """Return the variance of the relative position [m^2], that of the relative attitude [rad^2], and the part
+        of the attitude's variance that is body 1's. Each is a number, or of shape (M,).
+        """
         if self.told is None:
             return noise.place, noise.attitude, 0.5
         return noise.place * self.told[0], noise.attitude * self.told[1], self.told[2]
 
     @property
-    def spread(self) -> Float64Array:
-        """Return what noise of attitude, of variance 1, adds to abs(gap)^2 [m^2]; shape (M,)."""
+    def gap_variance_by_attitude(self) -> Float64Array:
+        """Return by how much attitude noise of variance 1 increases the mean squared gap abs(gap)^2 [m^2]; shape
+        (M,).
+        """
         x, y, _ = self.arms
         _, scale, share = self.variances(Noise(1.0, 1.0))
         return np.asarray(scale * (2 * share * (1 - share) * (self.p**2).sum(axis=0) + (x * x + y * y) / 4))
@@ -120,10 +133,10 @@ class SampleResiduals(NamedTuple):
     def whiten(
         self, noise: Noise, tilts: Float64Array, gaps: Float64Array, turns: Float64Array | None = None
     ) -> Float64Array:
-        """Return tilts (k, 2, M), gaps (k, 3, M) and turns (k, M) multiplied by L^-1.
+        """Return residuals, or derivatives of residuals, multiplied by L^-1, where L L^T is the covariance of the
+        noise: tilts (k, 2, M), gaps (k, 3, M) and turns (k, M) joined to (k, 5 or 6, M).
 
-        C = L L^T (Cholesky) with w = (-y, x, 0); no eigenvalue of C is below a. The shape is (k, 5, M), with turns
-        (k, 6, M).
+        L is the Cholesky factor, with w = (-y, x, 0); no eigenvalue of the covariance is below a.
         """
         a, attitude, share = self.variances(noise)
         b, c = attitude * share * (1 - share), attitude / 4
@@ -152,10 +165,12 @@ class SampleResiduals(NamedTuple):
         turns = None if self.turn is None else self.turn[None]
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
-    def rows(self, noise: Noise) -> Float64Array:
-        """Return derivatives by the parameters, and the residual last, whitened; shape (10 to 13, 5 or 6, M)."""
+    def whitened_rows(self, noise: Noise) -> Float64Array:
+        """Return the whitened derivatives of the residuals by each parameter, and the whitened residuals as the
+        last row; shape (10 to 13, 5 or 6, M).
+        """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
-        parameters = PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
+        parameters = NUM_HINGE_PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
         tilts, gaps = np.zeros((parameters + 1, 2, count)), np.zeros((parameters + 1, 3, count))
         turns = None if self.turn is None else np.zeros((parameters + 1, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
@@ -167,7 +182,7 @@ class SampleResiduals(NamedTuple):
             gaps[4 + k, k] = 1.0
         gaps[7], gaps[8], gaps[-1] = -q[0::3], -q[1::3], self.gap
         if self.delayed is not None:
-            tilts[PARAMETERS], gaps[PARAMETERS] = self.delayed[:2], self.delayed[2:5]
+            tilts[NUM_HINGE_PARAMETERS], gaps[NUM_HINGE_PARAMETERS] = self.delayed[:2], self.delayed[2:5]
         if turns is not None and self.reading is not None and self.turn is not None:
             read = np.isfinite(self.reading)
             # the reading without noise, as psi and the encoder have it together: else its noise makes the slope small
@@ -175,26 +190,26 @@ class SampleResiduals(NamedTuple):
             likeliest = self.reading + noise.encoder / (attitude + noise.encoder) * self.turn / self.slope
             turns[-3], turns[-2], turns[-1] = np.where(read, -1.0, 0.0), np.where(read, -likeliest, 0.0), self.turn
             if self.delayed is not None:
-                turns[PARAMETERS] = np.where(read, self.delayed[5], 0.0)
+                turns[NUM_HINGE_PARAMETERS] = np.where(read, self.delayed[5], 0.0)
         return self.whiten(noise, tilts, gaps, turns)
 
 
 class Estimate(NamedTuple):
-    """The most likely hinge and what was estimated with it."""
+    """The most likely hinge, with the noise, the clock offset and the encoder's line that were estimated with it."""
 
     hinge: Hinge
     noise: Noise
-    still: bool  # whether the steps came to rest
+    has_converged: bool  # whether the steps came to rest
     offset: float = 0.0  # by how much later body 2 was recorded than body 1 at equal stamps [s]
-    line: Line | None = None  # of the encoder
+    line: EncoderLine | None = None  # of the encoder
 
 
 PosesAt = Callable[[float, int], RelativePoses]
 """Function of the clock offset [s] and of how many samples are needed at most, that returns relative poses."""
 
 
-class Judged(NamedTuple):
-    """Residuals of every sample for a hinge, and the covariance of the hinge parameters."""
+class HingeResiduals(NamedTuple):
+    """Residuals and weights of all samples for a given hinge, and the covariance of the hinge's parameters."""
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
@@ -207,75 +222,91 @@ class Judged(NamedTuple):
     turn: Float64Array  # psi less what the encoder says, 0 where it says nothing [rad]; shape (N,)
 
 
-def most_likely(
-    poses: RelativePoses, start: Hinge, loss: Loss | None, at: PosesAt | None = None, offset: float = 0.0
+def most_likely_hinge(
+    poses: RelativePoses, start: Hinge, loss: Loss | None, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> Estimate:
-    """Return the most likely hinge, its noise, and whether the steps came to rest.
+    """Estimate the most likely hinge by Gauss-Newton steps; return it with the noise, the clock offset (where
+    `poses_at` is given) and the encoder's line, and whether the steps converged.
 
     Args:
         poses: all samples.
         start: the hinge that the steps begin with.
         loss: of a sample; None counts squares.
-        at: what gives the poses at other clock offsets, where the offset is an unknown too.
+        poses_at: function of the clock offset that returns the poses; given where the offset is an unknown too.
         offset: clock offset that the steps begin with [s].
     """
-    at = at or (lambda _, most: poses.thinned(most))
-    some = at(offset, _MAX_FIRST_SAMPLES)
-    hinge, line = start, line_from(some, start)
-    noise = _noise_variances(some, hinge, None, loss, line)
-    still = False
-    for most in (_MAX_FIRST_SAMPLES, poses.samples) if poses.samples > _MAX_FIRST_SAMPLES else (poses.samples,):
-        some = at(offset, most)
+    poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
+    some = poses_at(offset, MAX_FIRST_STEP_SAMPLES)
+    hinge, line = start, fit_encoder_line(some, start)
+    noise = _estimate_noise(some, hinge, None, loss, line)
+    has_converged = False
+    for most in (
+        (MAX_FIRST_STEP_SAMPLES, poses.samples) if poses.samples > MAX_FIRST_STEP_SAMPLES else (poses.samples,)
+    ):
+        some = poses_at(offset, most)
         for _ in range(_MAX_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
-            step = -solved(normal, gradient)
-            delay = float(step[PARAMETERS]) if some.rates is not None else 0.0
-            turn = max(float(np.abs(step[:4]).max()), _OFFSET_RATE * abs(delay))
+            step = -solve_semidefinite(normal, gradient)
+            delay = float(step[NUM_HINGE_PARAMETERS]) if some.rates is not None else 0.0
+            turn = max(float(np.abs(step[:4]).max()), _OFFSET_TO_TURN_RATE * abs(delay))
             if turn > _MAX_TURN:
                 step *= _MAX_TURN / turn
-            before, hinge = hinge, hinge.moved(step[:PARAMETERS]).balanced()
+            before, hinge = hinge, hinge.moved(step[:NUM_HINGE_PARAMETERS]).balanced()
             if line is not None:
-                zero = line.zero + float(step[-2]) + turned_frames(some.thinned(MAX_FRAMED), before, hinge)
-                line = Line(zero, line.slope + float(step[-1]))
+                zero = (
+                    line.zero
+                    + float(step[-2])
+                    + frame_turn_angle(some.thinned(MAX_FRAME_TURN_SAMPLES), before, hinge)
+                )
+                line = EncoderLine(zero, line.slope + float(step[-1]))
             if some.rates is not None:
-                offset += float(step[PARAMETERS])
-                some = at(offset, most)
-            noise = _noise_variances(some.thinned(_MAX_FIRST_SAMPLES), hinge, noise, loss, line)
+                offset += float(step[NUM_HINGE_PARAMETERS])
+                some = poses_at(offset, most)
+            noise = _estimate_noise(some.thinned(MAX_FIRST_STEP_SAMPLES), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
             quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
-            least = _ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))
-            rounded = (np.abs(step[:PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_OFFSET
-            still = bool(size < _MAX_LAST_STEP or quick or rounded)
-            if still:
+            least = _ROUNDING_STEP_SIZE * np.repeat((1.0, poses.size), (4, 5))
+            rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_OFFSET_STEP
+            has_converged = bool(size < _MAX_LAST_STEP or quick or rounded)
+            if has_converged:
                 break
-    return Estimate(hinge, noise, still, offset, line)
+    return Estimate(hinge, noise, has_converged, offset, line)
 
 
-def line_from(poses: RelativePoses, hinge: Hinge, before: Line | None = None) -> Line | None:
-    """Fit the line psi(reading) of the encoder to a hinge: its zero, and its slope unless one is given.
+def fit_encoder_line(
+    poses: RelativePoses, hinge: Hinge, previous_line: EncoderLine | None = None
+) -> EncoderLine | None:
+    """Fit the line psi = zero + slope * reading of the encoder to a hinge; return None without an encoder. The slope,
+    up to its sign, is that of `previous_line` where one is given.
 
-    Where the axis turned around since, the slope before has the other sign.
+    The sign changes where the axis of the hinge was reversed since.
     """
     if poses.encoder is None:
         return None
-    psi = np.concatenate([seen.psi for _, seen in seen_from(poses, hinge)])
-    read = np.isfinite(poses.encoder)
-    psi, reading, weights = psi[read], poses.encoder[read], poses.weights[read]
-    slopes = _encoder_slopes(psi, reading) if before is None else [before.slope, -before.slope]
-    lines = [_line_with(psi, reading, weights, slope) for slope in slopes]
+    psi = np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)])
+    has_reading = np.isfinite(poses.encoder)
+    psi, reading, weights = psi[has_reading], poses.encoder[has_reading], poses.weights[has_reading]
+    slopes = _encoder_slopes(psi, reading) if previous_line is None else [previous_line.slope, -previous_line.slope]
+    lines = [_encoder_line_of_slope(psi, reading, weights, slope) for slope in slopes]
     return min(lines, key=lambda line: float(np.median(np.abs(_turn(psi, reading, line)))))
 
 
-def turned_frames(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
-    """Return by how much psi changes because the axes of `frame` turn with the hinge [rad]."""
-    first, second = (np.concatenate([seen.psi for _, seen in seen_from(poses, hinge)]) for hinge in (before, after))
+def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
+    """Return the change of psi [rad] that comes from the `frame` axes alone, which turn when the hinge changes
+    from `before` to `after`.
+    """
+    first, second = (
+        np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)]) for hinge in (before, after)
+    )
     turned = np.exp(1j * (second - first))
     return float(np.angle(np.median(turned.real) + 1j * np.median(turned.imag)))
 
 
 def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
-    """Return slopes that an encoder may have: a line through all angles without jumps, and the usual slopes."""
+    """Return a list of candidate slopes d psi / d reading of an encoder: 1, -1, that of a straight line through
+    all samples, and the median from sample to sample.
+    """
     slopes = [1.0, -1.0]
     steps, turned = np.diff(reading), np.angle(np.exp(1j * np.diff(psi)))
     if np.ptp(reading) > 0:
@@ -285,33 +316,41 @@ def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
     return slopes
 
 
-def _line_with(psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float) -> Line:
-    """Return the encoder's line of a given slope: its zero by the median of the angles, then by a weighted mean."""
+def _encoder_line_of_slope(
+    psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float
+) -> EncoderLine:
+    """Return the encoder's line of a given slope. Its zero is a weighted mean over the samples that are near the
+    median zero.
+    """
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
-    rest = _turn(psi, reading, Line(middle, slope))
-    near = np.abs(rest) <= _MAX_ENCODER_OUTLIER * np.median(np.abs(rest)) + 1e-300
-    return Line(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
+    rest = _turn(psi, reading, EncoderLine(middle, slope))
+    near = np.abs(rest) <= _MAX_ENCODER_INLIER_RATIO * np.median(np.abs(rest)) + 1e-300
+    return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
 
 
-def _turn(psi: Float64Array, reading: Float64Array, line: Line) -> Float64Array:
+def _turn(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float64Array:
     """Return psi less what the encoder says, within half a turn; 0 where it says nothing [rad]."""
     off = np.nan_to_num(psi - line.zero - line.slope * reading)
     return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
 
 
-def encoder_share(poses: RelativePoses, noise: Noise, line: Line | None) -> Float64Array | float:
-    """Return what part of psi less the encoder's angle is noise of the attitudes, so that psi is best without it."""
+def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine | None) -> Float64Array | float:
+    """Return the part (N,) of the difference between psi and the encoder's angle that is noise of the attitudes
+    and should be taken off psi; 0 without an encoder.
+    """
     if line is None or poses.encoder is None:
         return 0.0
     attitude = noise.attitude * (1.0 if poses.told is None else poses.told[1])
     return np.asarray(attitude / (attitude + noise.encoder) + 0 * poses.weights)
 
 
-def noise_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
-    """Return the standard deviations of noise_position and noise_angle by name."""
+def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
+    """Return the standard deviations of the estimated "noise_position" and "noise_angle", as a dict by these
+    names.
+    """
     thin = poses.thinned(_MAX_COMPONENT_SAMPLES)
-    _, covariance = variance_components(thin, hinge, noise, noise, steps=0)
+    _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
     variances = (
         np.diagonal(covariance)
         * thin.samples
@@ -322,28 +361,33 @@ def noise_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Los
     return dict(zip(("noise_position", "noise_angle"), std, strict=True))
 
 
-def shows_offset(poses: RelativePoses, noisy: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
-    """Return whether the motion determines the clock offset beside all other parameters.
+def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
+    """Return whether the motion determines the clock offset as well as all other parameters: whether the information
+    on it exceeds what noise alone would give, and its standard deviation is small.
 
     Args:
         poses: relative poses with their derivatives by the offset.
-        noisy: poses whose derivatives are as large as the noise in those.
+        noise_poses: poses whose derivatives are as large as the noise in those.
         estimate: the most likely hinge.
         loss: of a sample.
     """
     normals = [
-        _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0] for each in (poses, noisy)
+        _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
+        for each in (poses, noise_poses)
     ]
-    k = PARAMETERS
+    k = NUM_HINGE_PARAMETERS
     others = np.delete(np.arange(normals[0].shape[0]), k)
-    across = solved(normals[0][np.ix_(others, others)], normals[0][others, k])
+    across = solve_semidefinite(normals[0][np.ix_(others, others)], normals[0][others, k])
     shown = normals[0][k, k] - normals[0][k, others] @ across
     share = poses.weights.sum() / max(poses.samples, 1)
-    return bool(shown > MIN_OFFSET_SIGNAL * normals[1][k, k] and shown * share * MAX_OFFSET_STD**2 > 1)
+    return bool(
+        shown > MIN_CLOCK_OFFSET_SIGNAL_RATIO * normals[1][k, k] and shown * share * MAX_CLOCK_OFFSET_STD**2 > 1
+    )
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
-    """Return the hinge less its bias, which is of the order of the noise squared, however many samples there are.
+    """Return the hinge with its bias taken off. The bias is proportional to the variance of the noise and does not
+    fall with the number of samples; a negligible one is left.
 
     A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
     the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
@@ -370,11 +414,14 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
         np.ascontiguousarray(rows.T), np.ascontiguousarray(places.T), np.ones(places.shape[0]), poses.size
     )
     normal, gradient = _normal_equations(around, hinge, noise, None)
-    return hinge.moved(solved(normal / len(exact), gradient / 2)).balanced()
+    return hinge.moved(solve_semidefinite(normal / len(exact), gradient / 2)).balanced()
 
 
-def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None) -> Judged:
-    """Compute the residuals of every sample for a hinge, and the covariance of the hinge parameters.
+def evaluate_hinge(
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
+) -> HingeResiduals:
+    """Return a HingeResiduals of a given hinge: the residuals and weights of every sample, and the covariance of the
+    hinge's parameters.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -387,7 +434,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
     slope: Float64Array = np.zeros(())
     scores, left = [], []
     every = max(1, count // _MAX_SCORED)
-    for k, (own, seen) in enumerate(seen_from(poses, hinge, line)):
+    for k, (own, seen) in enumerate(iterate_residuals(poses, hinge, line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
         gap[:2, own] = seen.gap[:2] - 0.5 * z * seen.tilt
@@ -398,11 +445,11 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
         given = poses.weights[own]
         if (k // _STRETCH) % every:
             sizes[own] = seen.sizes(noise)
-            weights[own] = given if loss is None else given * _slopes(loss, given * sizes[own])[0]
+            weights[own] = given if loss is None else given * _loss_derivatives(loss, given * sizes[own])[0]
             continue
-        rows = seen.rows(noise)
+        rows = seen.whitened_rows(noise)
         sizes[own] = (rows[-1] ** 2).sum(axis=0)
-        first, second = (1.0, 0.0) if loss is None else _slopes(loss, given * sizes[own])
+        first, second = (1.0, 0.0) if loss is None else _loss_derivatives(loss, given * sizes[own])
         weights[own] = given * first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         slope = (
@@ -413,18 +460,20 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
     alike = _lag_correlation(rest[:2], 1), _lag_correlation(rest[2:5], 1)
-    together, unresolved_lag = summed_neighbours(whole)
+    together, unresolved_lag = num_neighbours_to_sum(whole)
     added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
     free = 5 * whole.shape[1] / max(5 * whole.shape[1] - slope.shape[0], 1)
-    inverse = solved(slope, np.eye(slope.shape[0]))
+    inverse = solve_semidefinite(slope, np.eye(slope.shape[0]))
     covariance = share * free * inverse @ (added @ added.T) @ inverse.T
-    return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
+    return HingeResiduals(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
-    """Return the correlation of numbers with those `lag` samples later, of the row where it is largest."""
+    """Return the correlation between the numbers of a row and those `lag` places later, of the row for which it is
+    largest.
+    """
     power = (rows * rows).sum(axis=1)
     known = power > 0
     if not known.any() or rows.shape[1] <= lag:
@@ -433,39 +482,41 @@ def _lag_correlation(rows: Float64Array, lag: int) -> float:
     return float((products[known] / power[known]).max())
 
 
-def summed_neighbours(scores: Float64Array) -> tuple[int, int]:
-    """Return how many neighbouring scores are added up before they are squared, and the lag that this falls short of.
+def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
+    """Return how many neighbouring scores to add up before they are squared, so that the sums are uncorrelated; and
+    the lag at which scores are still correlated if that is too many, else 0.
 
-    Sums go over four times the lag at which scores are hardly correlated, but there are _MIN_SUMS of them at least.
-    Where scores are still correlated at the largest lag that this allows, the second number is that lag, else 0: then
-    the covariance is too small.
+    Sums go over four times the lag at which scores are hardly correlated, but there are _MIN_SCORE_SUMS of them at
+    least.
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _MIN_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_SCORE_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
         lag *= 2
-    together = 1 if lag == 1 else min(4 * lag, count // _MIN_SUMS)
-    unresolved = 4 * lag * _MIN_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_SCORE_SUMS)
+    unresolved = 4 * lag * _MIN_SCORE_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
     return together, lag if unresolved else 0
 
 
-def seen_from(
-    poses: RelativePoses, hinge: Hinge, line: Line | None = None
+def iterate_residuals(
+    poses: RelativePoses, hinge: Hinge, line: EncoderLine | None = None
 ) -> Iterator[tuple[slice, SampleResiduals]]:
-    """Compute what the constraints leave of the samples, and the encoder where its line is given, block by block."""
+    """Yield the residuals of the hinge constraints E1 and E2 block by block: a slice of the samples, and their
+    SampleResiduals. Those of the encoder are included where its line is given.
+    """
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
-    for start in range(0, poses.samples, _RESIDUAL_BLOCK_SIZE):
-        own = slice(start, min(start + _RESIDUAL_BLOCK_SIZE, poses.samples))
+    for start in range(0, poses.samples, _SAMPLES_PER_BLOCK):
+        own = slice(start, min(start + _SAMPLES_PER_BLOCK, poses.samples))
         q, p = turned @ poses.Q[:, own], first.T @ poses.p[:, own]
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
         told = None if poses.told is None else poses.told[:, own]
         arms = lever1 + arm if told is None else 2 * (told[2] * lever1 + (1 - told[2]) * arm)
         stretch = 1 / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
         tilt = q[2:6:3] * stretch
-        if q[8].min() < _MIN_AXES_COSINE:
-            tilt[0] = np.where(q[8] < _MIN_AXES_COSINE, 2.0, tilt[0])
+        if q[8].min() < _OPPOSITE_AXES_COSINE:
+            tilt[0] = np.where(q[8] < _OPPOSITE_AXES_COSINE, 2.0, tilt[0])
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
@@ -487,20 +538,22 @@ def seen_from(
 
 
 def _normal_equations(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> tuple[Float64Array, Float64Array]:
-    """Return J^T W J and J^T W r of one Gauss-Newton step; (k, k), (k,) of k parameters."""
+    """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters."""
     total: Float64Array = np.zeros(())
-    for own, seen in seen_from(poses, hinge, line):
-        rows, weights = seen.rows(noise), poses.weights[own]
+    for own, seen in iterate_residuals(poses, hinge, line):
+        rows, weights = seen.whitened_rows(noise), poses.weights[own]
         if loss is not None:
-            weights = weights * _slopes(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
+            weights = weights * _loss_derivatives(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
         total = total + _gram(rows, weights)
     return total[:-1, :-1], total[:-1, -1]
 
 
-def _slopes(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the first and second derivative of a loss; 0 where a sample is too far off to be noise."""
+def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the first and the second derivative of a loss at the squared residuals of samples; both are 0 for
+    gross outliers.
+    """
     first, second = loss(sizes / _LOSS_SCALE)
     gross = sizes > _MAX_COUNTED_SIZE
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
@@ -511,21 +564,26 @@ def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
     return np.asarray(rows @ rows.T)
 
 
-def _noise_variances(
-    poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None, line: Line | None = None
+def _estimate_noise(
+    poses: RelativePoses,
+    hinge: Hinge,
+    previous_noise: Noise | None,
+    loss: Loss | None,
+    line: EncoderLine | None = None,
 ) -> Noise:
-    """Return variances that are most likely, or by medians where there may be outliers; rounding at least.
+    """Return the Noise estimated from the residuals: maximum likelihood without a loss, medians with one. No variance
+    is below that of rounding.
 
-    The noise found before tells which samples are so far off that they are left out of the medians.
+    `previous_noise` tells which samples are so far off that they are left out of the medians.
     """
     parts = []
-    for own, seen in seen_from(poses, hinge, line):
-        sizes = np.zeros(seen.q.shape[1]) if loss is None or before is None else seen.sizes(before)
+    for own, seen in iterate_residuals(poses, hinge, line):
+        sizes = np.zeros(seen.q.shape[1]) if loss is None or previous_noise is None else seen.sizes(previous_noise)
         place, attitude, _ = seen.variances(Noise(1.0, 1.0))
         tilt, gap = (seen.tilt**2).sum(axis=0) / attitude, (seen.gap**2).sum(axis=0) / place
         turn = np.full_like(tilt, np.nan) if poses.encoder is None or seen.turn is None else seen.turn**2
         turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[own])] = np.nan
-        parts.append((tilt, gap, seen.spread / place, turn, sizes))
+        parts.append((tilt, gap, seen.gap_variance_by_attitude / place, turn, sizes))
     tilt, gap, spread, turn, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
     weights = poses.weights
     near = np.ones(weights.size, dtype=bool)
@@ -534,14 +592,17 @@ def _noise_variances(
     else:
         if 2 * (sizes < _MAX_NOISE_SIZE).sum() > near.size:
             near = sizes < _MAX_NOISE_SIZE
-        attitude, across = np.median(tilt[near]) / _MEDIANS[2], np.median(gap[near]) / _MEDIANS[3]
+        attitude, across = (
+            np.median(tilt[near]) / CHI2_MEDIAN_BY_DOF[2],
+            np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
+        )
     attitude = max(float(attitude), (4 * UNIT_ROUNDOFF) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
     rounding = max((4 * UNIT_ROUNDOFF * poses.size) ** 2, 1e-300)
     place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
     noise = Noise(place, attitude)
     if loss is None:
-        least = Noise(max(_MIN_VARIANCE_SHARE * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2)
+        least = Noise(max(_MIN_NOISE_VARIANCE_RATIO * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2)
         noise, _ = variance_components(poses.thinned(_MAX_COMPONENT_SAMPLES), hinge, noise, least)
     read = np.isfinite(turn) & near
     if line is None or not read.any():
@@ -549,14 +610,17 @@ def _noise_variances(
     if loss is None:
         total = float(weights[read] @ turn[read] / weights[read].sum())
     else:
-        total = float(np.median(turn[read]) / _MEDIANS[1])
-    return noise._replace(encoder=max(total - noise.attitude, _MIN_VARIANCE_SHARE * total, (4 * UNIT_ROUNDOFF) ** 2))
+        total = float(np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
+    return noise._replace(
+        encoder=max(total - noise.attitude, _MIN_NOISE_VARIANCE_RATIO * total, (4 * UNIT_ROUNDOFF) ** 2)
+    )
 
 
 def variance_components(
-    poses: RelativePoses, hinge: Hinge, start: Noise, least: Noise, steps: int = _MAX_SCORING_STEPS
+    poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_SCORING_STEPS
 ) -> tuple[Noise, Float64Array]:
-    """Return the most likely variances of place and attitude by Fisher scoring, and their covariance; (2, 2).
+    """Return the most likely variances of relative positions and attitudes as a Noise, found by Fisher scoring, and
+    their covariance (2, 2).
 
     In the eigenvectors of what noise of attitudes adds to the covariance of a gap, residuals are independent, and
     their squares have means that are linear in both variances (Searle, Casella and McCulloch, Variance Components,
@@ -566,11 +630,11 @@ def variance_components(
         poses: samples.
         hinge: the hinge that leaves the residuals.
         start: variances to start from.
-        least: variances that are not fallen short of.
-        steps: of Fisher scoring, at most.
+        minimum: lower limits of the variances.
+        max_steps: largest number of steps of Fisher scoring.
     """
     squares, places, attitudes = [], [], []
-    for own, seen in seen_from(poses, hinge):
+    for own, seen in iterate_residuals(poses, hinge):
         place, attitude, share = (np.broadcast_to(x, seen.p.shape[1]) for x in seen.variances(Noise(1.0, 1.0)))
         w = np.stack((-seen.arms[1], seen.arms[0], np.zeros_like(place)), axis=-1)
         p, b = seen.p.T, (share * (1 - share))[:, None, None]
@@ -582,26 +646,28 @@ def variance_components(
         places += [*np.broadcast_to(place, gap.shape), *np.zeros((2, place.size))]
         attitudes += [*(attitude * np.maximum(values.T, 0.0)), *np.broadcast_to(attitude, (2, attitude.size))]
     square, design = np.concatenate(squares), np.stack((np.concatenate(places), np.concatenate(attitudes)))
-    square = square * (square.size / max(square.size - PARAMETERS, 1))
-    low = np.array(least[:2])
-    found = np.maximum(np.array(start[:2]), low)
-    for _ in range(steps):
-        scaled = design * found[:, None] / (found @ design)
-        right = scaled @ (square / (found @ design))
+    square = square * (square.size / max(square.size - NUM_HINGE_PARAMETERS, 1))
+    lower_limits = np.array(minimum[:2])
+    variances = np.maximum(np.array(start[:2]), lower_limits)
+    for _ in range(max_steps):
+        scaled = design * variances[:, None] / (variances @ design)
+        right = scaled @ (square / (variances @ design))
         change = np.linalg.lstsq(scaled @ scaled.T, right)[0]
-        before, found = found, np.maximum(found * np.clip(change, 0.1, 10.0), low)
+        before, variances = variances, np.maximum(variances * np.clip(change, 0.1, 10.0), lower_limits)
         if (
-            np.abs(found - before).max(initial=0.0) <= 1e-4 * before.max()
-            and (np.abs(found / before - 1) < 1e-3).all()
+            np.abs(variances - before).max(initial=0.0) <= 1e-4 * before.max()
+            and (np.abs(variances / before - 1) < 1e-3).all()
         ):
             break
-    scaled = design * found[:, None] / (found @ design)
-    covariance = 2 * np.linalg.pinv(scaled @ scaled.T) * np.outer(found, found)
-    return Noise(*found.tolist()), covariance
+    scaled = design * variances[:, None] / (variances @ design)
+    covariance = 2 * np.linalg.pinv(scaled @ scaled.T) * np.outer(variances, variances)
+    return Noise(*variances.tolist()), covariance
 
 
-def solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
-    """Return matrix^-1 right; directions that the matrix does not determine come out as 0."""
+def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> Float64Array:
+    """Return the solution of a linear system with a symmetric, possibly singular matrix. Directions that the
+    matrix does not determine are 0.
+    """
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    found = np.linalg.lstsq(matrix * scale * scale[:, None], (right.T * scale).T, rcond=1e-13)[0]
-    return np.asarray((found.T * scale).T)
+    solution = np.linalg.lstsq(matrix * scale * scale[:, None], (right_hand_side.T * scale).T, rcond=1e-13)[0]
+    return np.asarray((solution.T * scale).T)

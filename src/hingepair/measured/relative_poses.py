@@ -20,12 +20,14 @@ from hingepair.rotations.matrices import rotation_vector
 # Samples of poses that are computed at a time, which limits the memory.
 _POSE_BLOCK_SAMPLES = 4096
 _SAMPLE_PAIR_COUNT = 200  # of samples, each of which gives a hinge
-_MAX_RANKING_SAMPLES = 300  # samples that tell which of these hinges is best
+MAX_RANKING_SAMPLES = 300  # samples that tell which of several candidates is best
 _MIN_PAIR_TURN = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
-    """Relative attitudes and places, component by component."""
+    """Attitudes and positions of body 2 relative to body 1, component by component, with what is known of each
+    sample.
+    """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
@@ -40,9 +42,9 @@ class RelativePoses(NamedTuple):
         """Return the number of samples."""
         return self.weights.size
 
-    def thinned(self, most: int) -> RelativePoses:
-        """Return about so many of the samples, evenly spread."""
-        step = -(-self.samples // most)
+    def thinned(self, max_samples: int) -> RelativePoses:
+        """Return every k-th of the samples, so that there are at most `max_samples`."""
+        step = -(-self.samples // max_samples)
         if step == 1:
             return self
         every = slice(None, None, step)
@@ -54,7 +56,9 @@ class RelativePoses(NamedTuple):
 def compute_relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
-    """Return the relative poses of two bodies in the world; R (N, 3) and S (N, 3, 3) are finite."""
+    """Return the poses of body 2 relative to body 1 as RelativePoses, from poses in the world that are all finite:
+    R (N, 3) and S (N, 3, 3).
+    """
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
     for start in range(0, count, _POSE_BLOCK_SAMPLES):
@@ -70,8 +74,10 @@ def compute_relative_poses(
     return RelativePoses(Q, p, weights, size)
 
 
-def closed_form(poses: RelativePoses) -> Hinge:
-    """Return the hinge by least squares of the chords between Q m and n and of the gaps of E1, psi eliminated."""
+def closed_form_hinge(poses: RelativePoses) -> Hinge:
+    """Return the hinge of least squares in closed form: of the differences between the axes n and Q m, and of the
+    gaps at the hinge point (E1).
+    """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)
     p = poses.p @ poses.weights / total
@@ -84,17 +90,22 @@ def closed_form(poses: RelativePoses) -> Hinge:
     return Hinge(n, m, p + Q @ u2, u2).balanced()
 
 
-def closed_form_of_most(poses: RelativePoses) -> Hinge:
-    """Return the hinge of least median residuals, which outliers do not move (Rousseeuw 1984).
+def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
+    """Return the hinge of least median residuals, which up to half of the samples being outliers do not change
+    (Rousseeuw 1984).
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
-    judges = poses.thinned(_MAX_RANKING_SAMPLES)
+    judges = poses.thinned(MAX_RANKING_SAMPLES)
     first, second = np.random.default_rng(0).choice(poses.samples, (2, _SAMPLE_PAIR_COUNT))
     n, m, u1, u2 = (
         np.concatenate(own)[:, :, None]
-        for own in zip([each[None] for each in closed_form(poses)], _screws(poses, first, second), strict=True)
+        for own in zip(
+            [each[None] for each in closed_form_hinge(poses)],
+            _hinges_of_sample_pairs(poses, first, second),
+            strict=True,
+        )
     )
     Q, p = judges.Q.reshape(3, 3, -1), judges.p
     tilt = np.zeros((n.shape[0], judges.samples))
@@ -106,10 +117,12 @@ def closed_form_of_most(poses: RelativePoses) -> Hinge:
     return Hinge(*(each[best, :, 0] for each in (n, m, u1, u2))).balanced()
 
 
-def _screws(
+def _hinges_of_sample_pairs(
     poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return n, m, u1 and u2 of each pair of samples that turn by a degree or more; (k, 3) each."""
+    """Return n, m, u1 and u2, (k, 3) each, of the hinge that each pair of samples shows. Pairs that turn by less
+    than a degree are left out.
+    """
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
     turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)

@@ -22,7 +22,7 @@ from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_UNIT_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
+_UNIT_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
 
 
 @overload
@@ -32,7 +32,8 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate a recording at other instants, to bring recordings with different clocks to common instants.
+    """Interpolate a recording at other instants and return its values there, NaN in gaps. Recordings with different
+    clocks so come to common instants.
 
     Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
     before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the
@@ -74,21 +75,22 @@ def resample(
         for letter in ("R", "S", "v", "omega", "a", "alpha"):
             array = getattr(values, letter)
             if array is not None:
-                tail = (3, 3) if letter == "S" else (3,)
-                given = np.broadcast_to(array, (*time.shape, *tail)).astype(np.float64, copy=False)
-                arrays[letter] = interpolated(time, given, target, longest, rotations=letter == "S")
+                sample_shape = (3, 3) if letter == "S" else (3,)
+                samples = np.broadcast_to(array, (*time.shape, *sample_shape)).astype(np.float64, copy=False)
+                arrays[letter] = interpolated(time, samples, target, longest, rotations=letter == "S")
         return BodyMotion(**arrays)
-    given = real_array("values", values)
-    if given.shape[:1] != time.shape:
-        raise ShapeError("values", f"shape ({time.size}, ...), as t", f"shape {given.shape}")
-    columns = given.astype(np.float64, copy=False)
+    samples = real_array("values", values)
+    if samples.shape[:1] != time.shape:
+        raise ShapeError("values", f"shape ({time.size}, ...), as t", f"shape {samples.shape}")
+    columns = samples.astype(np.float64, copy=False)
     _refuse_quaternions_that_flip(columns)
     warn_of_measurements(_wrapping_suspicions(columns))
     return interpolated(time, columns, target, longest)
 
 
 def _refuse_quaternions_that_flip(values: Float64Array) -> None:
-    """Refuse unit quaternions (N, ..., 4) whose sign changes from one sample to the next.
+    """Raise ArgumentError where values are unit quaternions (N, ..., 4) whose sign changes from one sample to the
+    next.
 
     Neighbours of a smooth rotation have a positive scalar product unless the sign was changed: q and -q are one
     attitude, but the numbers between them are none.
@@ -98,7 +100,7 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
     quaternions = values.reshape(values.shape[0], -1, 4)
     known = np.isfinite(quaternions).all(axis=(-2, -1))
     quaternions = quaternions[known]
-    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_TOLERANCE:
+    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_NORM_TOLERANCE:
         return
     flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
     if flips.size:
@@ -110,7 +112,9 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
 
 
 def _wrapping_suspicions(values: Float64Array) -> list[str]:
-    """Return a sentence on the first column that jumps like a wrapped angle, in radians or in degrees."""
+    """Return a list with one sentence on the first column that jumps like an angle reduced to one turn, in radians
+    or degrees; an empty list where none does.
+    """
     for index in np.ndindex(values.shape[1:]):
         for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
             if is_wrapped(values[:, *index], turn):
@@ -125,43 +129,50 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Return columns, or rotations, at other instants; `increasing_seconds` returned the instants t."""
-    found = np.full((to.size, *values.shape[1:]), np.nan)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    where = split_at_gaps(t, known, gaps)
-    if not where:
-        return found
-    there, sizes = np.concatenate(where), np.array([len(piece) for piece in where])
+    """Return values (columns, or rotation matrices where `rotations`) interpolated at other instants `to`; NaN in
+    gaps and beyond the ends. The instants t come from `increasing_seconds`.
+    """
+    result = np.full((to.size, *values.shape[1:]), np.nan)
+    is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
+    pieces_of_samples = split_at_gaps(t, is_known, gaps)
+    if not pieces_of_samples:
+        return result
+    known_indices, sizes = np.concatenate(pieces_of_samples), np.array([len(piece) for piece in pieces_of_samples])
     stops = np.cumsum(sizes)
     starts = stops - sizes
-    which = np.searchsorted(t[there[starts]], to, side="right") - 1
-    inside = np.flatnonzero((which >= 0) & (to <= t[there[stops[which] - 1]]))
-    which, before = which[inside], np.searchsorted(t[there], to[inside], side="right") - 1
+    which = np.searchsorted(t[known_indices[starts]], to, side="right") - 1
+    inside = np.flatnonzero((which >= 0) & (to <= t[known_indices[stops[which] - 1]]))
+    which, before = which[inside], np.searchsorted(t[known_indices], to[inside], side="right") - 1
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
     between = _rotations_between if rotations else _columns_between
     for count in np.unique(counts):
-        rows, own = inside[counts == count], first[counts == count]
-        near = there[own[:, None] + np.arange(count)]
-        found[rows] = between(_lagrange(t[near] - to[rows, None]), values[near])
-    return found
+        rows, first_nodes = inside[counts == count], first[counts == count]
+        near = known_indices[first_nodes[:, None] + np.arange(count)]
+        result[rows] = between(_lagrange_weights(t[near] - to[rows, None]), values[near])
+    return result
 
 
 def _columns_between(weights: Float64Array, near: Float64Array) -> Float64Array:
     return np.asarray(np.einsum("ni,ni...->n...", weights, near))
 
 
-def _rotations_between(weights: Float64Array, near: Float64Array) -> Float64Array:
-    """Return rotations interpolated by rotation vectors from the sample before; at a sample, the sample itself."""
-    base = near[:, min(1, near.shape[1] - 1)]
-    theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ near)
+def _rotations_between(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
+    """Return the rotations that weights (N, k) interpolate between neighbouring rotations (N, k, 3, 3), by
+    rotation vectors from one of them. At a sample, the sample itself is returned.
+    """
+    base = neighbours[:, min(1, neighbours.shape[1] - 1)]
+    theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ neighbours)
     turn = rotation_exp((weights[..., None] * theta).sum(axis=-2))
-    hit = weights == 1
-    return np.where(hit.any(axis=-1)[:, None, None], near[np.arange(len(near)), hit.argmax(axis=-1)], base @ turn)
+    is_at_sample = weights == 1
+    sample_itself = neighbours[np.arange(len(neighbours)), is_at_sample.argmax(axis=-1)]
+    return np.where(is_at_sample.any(axis=-1)[:, None, None], sample_itself, base @ turn)
 
 
-def _lagrange(nodes: Float64Array) -> Float64Array:
-    """Return the weights at 0 of the polynomial through nodes, no two alike; shape (..., k)."""
+def _lagrange_weights(nodes: Float64Array) -> Float64Array:
+    """Return the weights of the values at distinct nodes, shape (..., k), in the value at 0 of the polynomial
+    through them.
+    """
     weights = np.ones_like(nodes)
     for i, j in itertools.permutations(range(nodes.shape[-1]), 2):
         weights[..., i] *= nodes[..., j] / (nodes[..., j] - nodes[..., i])

@@ -19,7 +19,9 @@ _MAX_NOISE_RATIO = 1.5  # of the noise that the data show to that which was told
 
 
 class Samples(NamedTuple):
-    """Samples of both bodies, and what is known of them."""
+    """Recorded samples of both bodies, as checked arrays of one length, and what the user says of their weights
+    and noise.
+    """
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
     R1: NDArray[np.floating]  # shape (N, 3)
@@ -34,9 +36,11 @@ class Samples(NamedTuple):
     is_point: bool  # whether body 2 has no attitudes
     encoder: Float64Array | None  # shape (N,)
 
-    def poses(self, used: NDArray[np.bool_]) -> RelativePoses:
-        """Return the relative poses of some of the samples, at equal stamps."""
-        rows = slice(None) if used.all() else used
+    def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
+        """Return the relative poses of the samples for which `is_used` is true, those of both bodies taken at
+        equal stamps.
+        """
+        rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
         poses = compute_relative_poses(R1, S1, R2, S2, self.weights[rows])
         return poses._replace(
@@ -45,7 +49,9 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a sentence where the samples scatter otherwise than `noise1` and `noise2` say."""
+        """Return a list of sentences where the estimated noise differs from what `noise1` and `noise2` say by more
+        than half; an empty list where it does not.
+        """
         if self.told_noise is None:
             return []
         ratios = {
@@ -69,7 +75,8 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit` and return them as arrays of one length.
+    """Check the arguments of `fit` and return them as Samples, arrays of one length. Raise ArgumentError that names
+    the argument that cannot be used.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -109,33 +116,39 @@ def checked_samples(
     )
 
 
-def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
-    """Return the weights of the samples, (count,), 1 for None; refuse numbers that are not finite or negative."""
+def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
+    """Return the weights of the samples as an array (num_samples,), all 1 for None. Raise ArgumentError for
+    numbers that are negative or not finite.
+    """
     if weights is None:
-        return np.ones(count)
-    given = real_array("weights", weights).astype(np.float64)
-    if given.shape != (count,):
-        raise ShapeError("weights", f"shape ({count},), as the bodies", f"shape {given.shape}")
-    if not (np.isfinite(given) & (given >= 0)).all():
-        raise ArgumentError("weights", "finite numbers, none negative", given)
-    return given
+        return np.ones(num_samples)
+    sample_weights = real_array("weights", weights).astype(np.float64)
+    if sample_weights.shape != (num_samples,):
+        raise ShapeError("weights", f"shape ({num_samples},), as the bodies", f"shape {sample_weights.shape}")
+    if not (np.isfinite(sample_weights) & (sample_weights >= 0)).all():
+        raise ArgumentError("weights", "finite numbers, none negative", sample_weights)
+    return sample_weights
 
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
-    """Return the encoder's readings without jumps of whole turns; refuse fewer than two that differ."""
-    given = real_array("encoder", encoder).astype(np.float64)
-    if given.shape != shape:
-        raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {given.shape}")
-    known = np.isfinite(given)
-    if known.sum() < 2 or np.ptp(given[known]) == 0:
+    """Return the encoder's readings as an array without jumps by whole turns. Raise ArgumentError where fewer than
+    two readings differ.
+    """
+    readings = real_array("encoder", encoder).astype(np.float64)
+    if readings.shape != shape:
+        raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {readings.shape}")
+    known = np.isfinite(readings)
+    if known.sum() < 2 or np.ptp(readings[known]) == 0:
         raise ArgumentError("encoder", "at least two readings that differ", f"{int(known.sum())} finite ones")
-    return unwrap_if_wrapped(given)
+    return unwrap_if_wrapped(readings)
 
 
 def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
 ) -> tuple[Float64Array | None, Noise | None]:
-    """Return the rows of `Samples.told`, and the means of both variances."""
+    """Return the noise that the user gave: an array (3, N) of the variances of position and attitude divided by
+    their means, and body 1's part of the latter; and both means. Both are None where none was given.
+    """
     if noise1 is None and noise2 is None:
         return None, None
     parts = []

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.likelihood import LOSSES, Loss
+from hingepair.measured.likelihood import LOSS_DERIVATIVES_BY_NAME, Loss
 from hingepair.measured.resample import interpolated
-from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
+from hingepair.measured.spline import MIN_PIECE_SAMPLES, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import (
     checked_gaps,
@@ -34,18 +34,19 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
-_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+_NUM_ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
+_DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
 # Names of a smoothed quantity and its derivatives.
-_DERIVATIVE_NAMES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_MAX_LEFT = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
-_NOISE_ROUNDING = 1e-11  # noise, in parts of the largest sample, that is rounding
-_MAX_NOISE_SHARE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
+_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_MAX_RESIDUAL_CORRELATION = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
+_MAX_RELATIVE_ROUNDING_NOISE = 1e-11  # noise, in parts of the largest sample, that is rounding
+_MAX_DERIVATIVE_NOISE_RATIO = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """A smooth motion of one body with its rates and accelerations, NaN in gaps: what `hingepair.smooth` returns.
+    """What `smooth` returns of a body: its smooth motion with velocities and accelerations, NaN in gaps, and how
+    accurate they are.
 
     Attributes:
         noise: standard deviations by letter, of one component: R, S the noise of the samples [m, rad]; v, omega, a,
@@ -64,11 +65,13 @@ class SmoothedMotion(BodyMotion):
     correlation: Mapping[str, float]
     t: Float64Array
 
-    def __init__(self, t: Float64Array, arrays: Mapping[str, NDArray[Any]], parts: Mapping[str, Smoothed]) -> None:
+    def __init__(
+        self, t: Float64Array, arrays: Mapping[str, NDArray[Any]], parts: Mapping[str, SmoothedColumns]
+    ) -> None:
         BodyMotion.__init__(self, **arrays)
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
-        for names, letter in ((_DERIVATIVE_NAMES["R"], "R"), (_DERIVATIVE_NAMES["S"], "S")):
+        for names, letter in ((_DERIVATIVE_NAMES_BY_LETTER["R"], "R"), (_DERIVATIVE_NAMES_BY_LETTER["S"], "S")):
             noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
                 std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
@@ -81,7 +84,8 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """A smooth angle with its rates, NaN in gaps: `psi, psid, psidd = smoothed` unpacks it.
+    """What `smooth` returns of an angle: the smooth angle with its two derivatives, NaN in gaps, and how accurate
+    they are. `psi, psid, psidd = smoothed` unpacks it.
 
     Attributes:
         psi: [rad], without jumps by 2 pi where the samples had such; shape (N,).
@@ -123,7 +127,8 @@ def smooth(
     gaps: float = 0.05,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
-    """Smooth a recorded motion, or a recorded hinge angle, and differentiate it twice.
+    """Smooth the recorded motion of a body, or a recorded angle, and differentiate it twice with respect to time.
+    Return a SmoothedMotion or a SmoothedAngle.
 
     Smoothing splines (`hingepair.measured.spline`), of attitudes on the rotation group: the bandwidth of each is what
     the data ask for (generalised cross validation), or what is given. Noise may be white, or correlated from sample
@@ -162,7 +167,7 @@ def smooth(
     """
     time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
-    check_choice("loss", loss, LOSSES)
+    check_choice("loss", loss, LOSS_DERIVATIVES_BY_NAME)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
     given = body if isinstance(body, BodyMotion) else real_array("body", body)
@@ -170,19 +175,21 @@ def smooth(
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {given.shape}")
     warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
     if isinstance(given, BodyMotion):
-        return _smooth_body(time, given, bandwidth, longest, LOSSES[loss])
+        return _smooth_body(time, given, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
     angles = given.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
         warn_of_measurements(angle_suspicions("body", angles))
-    return _smooth_angle(time, angles, bandwidth, longest, LOSSES[loss])
+    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
 
 
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
-    """Smooth positions (N, 3) and attitudes (N, 3, 3) of a body, and warn of what makes the result doubtful."""
+    """Smooth the positions and attitudes of a body and return a SmoothedMotion. Warn of noise, outliers and
+    filtered samples that make it doubtful.
+    """
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
         raise ArgumentError("body.S", "attitudes; places of a point alone are smoothed column by column", None)
@@ -193,8 +200,8 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _suspicions(f"body.{letter}", samples, parts[letter], loss)
-            rates += _DERIVATIVE_NAMES[letter][1:]
+            sentences += _residual_suspicions(f"body.{letter}", samples, parts[letter], loss)
+            rates += _DERIVATIVE_NAMES_BY_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
 
@@ -206,56 +213,65 @@ def smoothed_arrays(
     bandwidth: float | None,
     gaps: float,
     loss: Loss | None,
-) -> tuple[dict[str, Float64Array], dict[str, Smoothed]]:
-    """Return R, v, a, S, omega and alpha of smoothed poses by name, and how sure those of R and of S are."""
-    where = _pieces("body.R", t, R, gaps)
-    origin = R[where[0][0]]
-    places = smooth_columns(t, R - origin, where, bandwidth, loss)
-    arrays = dict(zip(_DERIVATIVE_NAMES["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
-    turns, attitudes = _smooth_attitudes(t, S, _pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
+) -> tuple[dict[str, Float64Array], dict[str, SmoothedColumns]]:
+    """Smooth positions R and attitudes S. Return the arrays R, v, a, S, omega and alpha by name, and the
+    SmoothedColumns of R and S, which hold bandwidths and standard deviations.
+    """
+    position_pieces = _smoothable_pieces("body.R", t, R, gaps)
+    origin = R[position_pieces[0][0]]
+    places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
+    arrays = dict(zip(_DERIVATIVE_NAMES_BY_LETTER["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
+    turns, attitudes = _smooth_attitudes(t, S, _smoothable_pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
     return arrays | turns, {"R": places, "S": attitudes}
 
 
 def _smooth_attitudes(
     t: Float64Array,
     S: Float64Array,
-    where: Sequence[NDArray[np.intp]],
+    pieces: Sequence[NDArray[np.intp]],
     gaps: float,
     bandwidth: float | None,
     loss: Loss | None,
-) -> tuple[dict[str, Float64Array], Smoothed]:
-    """Return smooth attitudes with omega and alpha, and how sure they are."""
-    whole = [slice(piece[0], piece[-1] + 1) for piece in where]
+) -> tuple[dict[str, Float64Array], SmoothedColumns]:
+    """Smooth attitudes (N, 3, 3). Return the arrays S, omega and alpha by name, and the SmoothedColumns that hold
+    the bandwidth and standard deviations.
+    """
+    piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     base = interpolated(t, S, t, gaps, rotations=True)
-    for _ in range(_ATTITUDE_ROUNDS):
-        flat, frames = _rolled_out(base, whole)
+    for _ in range(_NUM_ATTITUDE_ROUNDS):
+        flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
-        found = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), where, bandwidth, loss)
-        bandwidth = found.bandwidth
-        base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, found.values[0] - flat))
+        smoothed = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), pieces, bandwidth, loss)
+        bandwidth = smoothed.bandwidth
+        base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, smoothed.values[0] - flat))
     omega, alpha = np.full((2, t.size, 3), np.nan)
-    for piece in whole:
-        omega[piece], alpha[piece] = angular_velocity_from_samples(t[piece], base[piece], _ORDER, with_alpha=True)
-    return {"S": base, "omega": omega, "alpha": alpha}, found
+    for piece in piece_slices:
+        omega[piece], alpha[piece] = angular_velocity_from_samples(
+            t[piece], base[piece], _DIFFERENCE_ORDER, with_alpha=True
+        )
+    return {"S": base, "omega": omega, "alpha": alpha}, smoothed
 
 
-def _rolled_out(S: Float64Array, whole: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """Return a path of attitudes rolled out into flat space, and the frames carried along; (N, 3), (N, 3, 3).
+def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
+    """Map a path of attitudes to a path in flat space (N, 3), and return it with the frames (N, 3, 3) in which its
+    steps are turned. Each piece begins at 0 with the identity.
 
     From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
-    that, in the axes of the body. Each piece begins at 0 with the identity.
+    that, in the axes of the body.
     """
     flat, frames = np.full(S.shape[:-1], np.nan), np.full(S.shape, np.nan)
-    for piece in whole:
+    for piece in piece_slices:
         steps = np.zeros_like(flat[piece])
         steps[1:] = rotation_vector(np.swapaxes(S[piece][:-1], -1, -2) @ S[piece][1:])
-        frames[piece] = _products(np.asarray(rotation_exp(-0.5 * steps), dtype=np.float64))
+        frames[piece] = _cumulative_products(np.asarray(rotation_exp(-0.5 * steps), dtype=np.float64))
         flat[piece] = np.cumsum(np.einsum("nji,nj->ni", frames[piece], steps), axis=0)
     return flat, frames
 
 
-def _products(turns: Float64Array) -> Float64Array:
-    """Return turns[i] @ ... @ turns[0] for every i, by doubling; (N, 3, 3)."""
+def _cumulative_products(turns: Float64Array) -> Float64Array:
+    """Return the matrix products turns[i] @ ... @ turns[0] for every i, (N, 3, 3), in about log2(N)
+    multiplications of arrays.
+    """
     product, reach = turns, 1
     while reach < turns.shape[0]:
         product = np.concatenate((product[:reach], product[reach:] @ product[:-reach]))
@@ -266,62 +282,68 @@ def _products(turns: Float64Array) -> Float64Array:
 def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
-    """Smooth a recorded angle [rad], (N,), differentiate it twice, and warn of what makes the result doubtful."""
-    where = _pieces("body", t, psi, gaps)
-    found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth, loss)
+    """Smooth a recorded angle (N,) [rad] and return a SmoothedAngle. Warn of noise, outliers and filtered samples
+    that make it doubtful.
+    """
+    pieces = _smoothable_pieces("body", t, psi, gaps)
+    smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
     names = ("psi", "psid", "psidd")
-    arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
-    noise = _noise_by_name(names, found)
-    if not _noise_is_rounding(psi, found):
-        sentences = [*_suspicions("body", psi, found, loss), *_noise_suspicions(names[1:], arrays, noise)]
+    arrays = {name: read_only(array[:, 0]) for name, array in zip(names, smoothed.values, strict=True)}
+    noise = _noise_by_name(names, smoothed)
+    if not _noise_is_rounding(psi, smoothed):
+        sentences = [*_residual_suspicions("body", psi, smoothed, loss), *_noise_suspicions(names[1:], arrays, noise)]
         warn_of_measurements(sentences, stacklevel=4)
     return SmoothedAngle(
         **arrays,
         noise=noise,
-        std={name: read_only(std) for name, std in zip(names, found.deviations, strict=True)},
-        bandwidth=found.bandwidth,
-        correlation=found.correlation,
+        std={name: read_only(std) for name, std in zip(names, smoothed.deviations, strict=True)},
+        bandwidth=smoothed.bandwidth,
+        correlation=smoothed.correlation,
         t=read_only(t),
     )
 
 
-def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
-    """Return the rows of each piece of a recording between gaps; refuse a recording of short pieces alone."""
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    found = split_at_gaps(t, known, gaps, FEWEST)
-    if not found:
-        expected = f"at least {FEWEST} finite samples without a gap"
-        raise ArgumentError(name, expected, f"{int(known.sum())} finite samples, none so many together")
-    return found
+def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
+    """Return the indices of the samples in each piece between gaps, as a list of arrays. Raise ArgumentError where
+    no piece has enough samples to be smoothed.
+    """
+    is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
+    pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE_SAMPLES)
+    if not pieces_of_samples:
+        expected = f"at least {MIN_PIECE_SAMPLES} finite samples without a gap"
+        raise ArgumentError(name, expected, f"{int(is_known.sum())} finite samples, none so many together")
+    return pieces_of_samples
 
 
-def _noise_by_name(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
+def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
     """Return the noise of the samples, and what it leaves in both derivatives, by name."""
-    return dict(zip(names, (found.noise, *found.errors[1:].tolist()), strict=True))
+    return dict(zip(names, (smoothed.noise, *smoothed.errors[1:].tolist()), strict=True))
 
 
-def _noise_is_rounding(samples: Float64Array, found: Smoothed) -> bool:
+def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
     """Return whether the noise of samples is no more than their rounding, so that there is nothing to say of it."""
-    return bool(found.noise <= _NOISE_ROUNDING * float(np.nanmax(np.abs(samples))))
+    return bool(smoothed.noise <= _MAX_RELATIVE_ROUNDING_NOISE * float(np.nanmax(np.abs(samples))))
 
 
-def _suspicions(name: str, samples: Float64Array, found: Smoothed, loss: Loss | None) -> list[str]:
-    """Return sentences on samples that were filtered before, whose noise is correlated, or that are outliers."""
+def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
+    """Return a list of sentences on what the residuals of a smoothing show: samples that were filtered before,
+    correlated noise, or outliers. The list is empty where they show none of these.
+    """
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "what .noise and .std say is too small"
     sentences = []
-    if found.limited:
+    if smoothed.limited:
         sentences.append(
-            f"{name}: the bandwidth is the highest that the samples allow, {found.bandwidth:.3g} Hz: their noise "
+            f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif found.left > max(_MAX_LEFT, 4 / np.sqrt(count)):
+    elif smoothed.left > max(_MAX_RESIDUAL_CORRELATION, 4 / np.sqrt(count)):
         sentences.append(
-            f"{name}: what smoothing leaves of neighbouring samples is correlated ({found.left:.2g}): motion that "
-            f"the bandwidth of {found.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
+            f"{name}: what smoothing leaves of neighbouring samples is correlated ({smoothed.left:.2g}): motion that "
+            f"the bandwidth of {smoothed.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
         )
-    if found.outlying > 0 and loss is None and not found.limited:
-        share = f"{100 * found.outlying:.2g} % of the samples are outliers"
+    if smoothed.outlying > 0 and loss is None and not smoothed.limited:
+        share = f"{100 * smoothed.outlying:.2g} % of the samples are outliers"
         sentences.append(f'{name}: {share}; loss="cauchy" makes them count little.')
     return sentences
 
@@ -329,11 +351,13 @@ def _suspicions(name: str, samples: Float64Array, found: Smoothed, loss: Loss | 
 def _noise_suspicions(
     names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
 ) -> list[str]:
-    """Return a sentence where a derivative is noise for the most part."""
+    """Return a list with one sentence that names the derivatives which are mostly noise; an empty list where none
+    is.
+    """
     drowned = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > _MAX_NOISE_SHARE * size:
+        if noise[letter] > _MAX_DERIVATIVE_NOISE_RATIO * size:
             unit = unit_of(letter)
             drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     return [f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"] if drowned else []

@@ -33,39 +33,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError
-from hingepair.measured.likelihood import Loss
+from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
 from hingepair.numeric.arrays import Float64Array
 
-FEWEST = 8
+MIN_PIECE_SAMPLES = 8
 """Samples of a piece that is smoothed."""
-_DEGREE = 7  # of the B-splines
-_PENALTY_ORDER = 5  # of the derivative whose square is penalised
-_KNOTS = 4.0  # in a period of the bandwidth
-_COUNTED = 1.4  # how often generalised cross validation counts each degree of freedom
-_WIDER = 1.1
+_SPLINE_DEGREE = 7  # of the B-splines
+_PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
+_KNOTS_PER_PERIOD = 4.0  # in a period of the bandwidth
+_DEGREE_OF_FREEDOM_COST = 1.4  # how often generalised cross validation counts each degree of freedom
+_BANDWIDTH_FACTOR = 1.1
 """What the bandwidth of least cross validation is multiplied by: derivatives near the ends gain more by it than those
 in the middle lose."""
-_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # that are tried
-_MIN_CORRELATION_GAIN = 12.0  # in the logarithm of the likelihood, from which noise is taken for correlated
-_LOWEST_TERM = 4  # of a tapered spectrum: slower ones are of the taper itself
-_MIN_SPECTRUM = 128  # samples of a piece whose spectrum is taken
-_TAPER = (0.35875, -0.48829, 0.14128, -0.01168)  # Blackman and Harris's: little of slow motion leaks into fast noise
-_TAPERED_SHARE = 0.5  # of the terms of a tapered spectrum that are independent
+_TRIED_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # that are tried
+# In the logarithm of the likelihood, from which noise is taken for correlated.
+_MIN_CORRELATION_LIKELIHOOD_GAIN = 12.0
+_MIN_FREQUENCY_INDEX = 4  # of a tapered spectrum: slower ones are of the taper itself
+_MIN_SPECTRUM_SAMPLES = 128  # samples of a piece whose spectrum is taken
+# Blackman and Harris's: little of slow motion leaks into fast noise.
+_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
+_INDEPENDENT_TERM_RATIO = 0.5  # of the terms of a tapered spectrum that are independent
 _MAX_WINSORISED_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
 _MAX_CORRELATED_STEP_RATIO = 1.5  # in median steps, over which neighbours' noise is correlated
 _REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
-_ZERO_WEIGHT_SIZE = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
-_LOSS_SCALES = {1: 3.84, 3: 7.81}  # squares, in variances, at which losses bend: 95 % of good samples are below
-_MEDIANS = {1: 0.4549, 3: 2.3660}  # of chi-squared, by degrees of freedom
-_LEAST_WEIGHT = 1e-6  # of a sample that is far off
-_MORE_BANDS = 2  # by which neighbours that are correlated reach further
-_PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
+_ZERO_WEIGHT_SQUARED_RESIDUAL = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
+# Squares, in variances, at which losses bend: 95 % of good samples are below.
+_LOSS_SCALE_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_MIN_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
+_NUM_CORRELATION_BANDS = 2  # by which neighbours that are correlated reach further
+_NUM_TRACE_PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
 _WINDOW, _WINDOWS = 4096, 8
 """Of long records the bandwidth is chosen on so many stretches of so many samples."""
 
 
-class Smoothed(NamedTuple):
-    """Smooth columns at the instants asked for, and how sure they are."""
+class SmoothedColumns(NamedTuple):
+    """Smoothed columns with their first and second derivatives, and how accurate they are."""
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
     deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
@@ -82,8 +84,8 @@ class Smoothed(NamedTuple):
         return np.asarray(np.nanmedian(self.deviations, axis=1))
 
 
-class Model(NamedTuple):
-    """Assumptions of a smoothing: how fast the motion changes, and how the noise of neighbours is correlated."""
+class SmoothingModel(NamedTuple):
+    """Assumptions of a smoothing: its bandwidth, and the correlation of the noise of neighbouring samples."""
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
@@ -96,11 +98,12 @@ def smooth_columns(
     pieces: Sequence[NDArray[np.intp]],
     bandwidth: float | None,
     loss: Loss | None = None,
-) -> Smoothed:
-    """Smooth columns (N, k) piece by piece, with derivatives, at every instant between the ends of a piece.
+) -> SmoothedColumns:
+    """Smooth columns (N, k) piece by piece with a smoothing spline, and return them with first and second
+    derivatives. A bandwidth of None is chosen by cross validation. Raise MissingDependencyError without SciPy.
 
-    A piece has FEWEST samples at least, all of them finite. A bandwidth of None is chosen by the data. A loss makes
-    samples that are off count little, each as a whole.
+    A piece has at least MIN_PIECE_SAMPLES samples, all of them finite. With a loss, outliers count little, each
+    sample as a whole.
 
     Raises:
         MissingDependencyError: SciPy is not installed.
@@ -116,8 +119,8 @@ def smooth_columns(
         if turn < _CHOICES:
             clean, off = columns.copy(), weights < _MAX_WINSORISED_WEIGHT
             clean[used[off]] -= rest[off]
-            model = _chosen_model(t, columns, clean, pieces, weights, bandwidth)
-        spline = Spline([t[piece] for piece in pieces], model, weights)
+            model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
+        spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
         fitted = spline.solve(columns[used])
         rest = columns[used] - spline.fitted(fitted)
         freedom = max(used.size - spline.freedom(), 1.0)
@@ -126,10 +129,12 @@ def smooth_columns(
             white = spline.whitened(rest)
             variance = float((white * white).sum() / (k * freedom))
         else:
-            variance = float(np.median(squares)) / _MEDIANS[k] * used.size / freedom
+            variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
-            weights = np.where(sizes > _ZERO_WEIGHT_SIZE, 0.0, loss(sizes / _LOSS_SCALES[k])[0])
-            weights = np.maximum(weights, _LEAST_WEIGHT)
+            weights = np.where(
+                sizes > _ZERO_WEIGHT_SQUARED_RESIDUAL, 0.0, loss(sizes / _LOSS_SCALE_BY_COLUMN_COUNT[k])[0]
+            )
+            weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT)
     white = spline.whitened(rest)
     values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
@@ -138,7 +143,7 @@ def smooth_columns(
             values[order, own] = spline.evaluate(fitted, i, t[own], order)
             deviations[order, own] = np.sqrt(variance * spline.variances(i, t[own], order))
     power = (white * white).sum()
-    return Smoothed(
+    return SmoothedColumns(
         values=values,
         deviations=deviations,
         bandwidth=model.bandwidth,
@@ -147,56 +152,62 @@ def smooth_columns(
         left=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
         limited=model.limited,
         outlying=float(
-            np.mean(squares > _ZERO_WEIGHT_SIZE / 2 * max(float(np.median(squares)) / _MEDIANS[k], 1e-300))
+            np.mean(
+                squares
+                > _ZERO_WEIGHT_SQUARED_RESIDUAL / 2 * max(float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k], 1e-300)
+            )
         ),
     )
 
 
-def _chosen_model(
+def _choose_model(
     t: Float64Array,
     columns: Float64Array,
-    clean: Float64Array,
+    clean_columns: Float64Array,
     pieces: Sequence[NDArray[np.intp]],
     weights: Float64Array,
     bandwidth: float | None,
-) -> Model:
-    """Return the bandwidth [Hz] of least generalised cross validation, and the correlation of the noise.
+) -> SmoothingModel:
+    """Return the SmoothingModel for some columns: the bandwidth [Hz] of least generalised cross validation unless one
+    is given, and the correlation of the noise.
 
     Args:
         t: instants [s]; shape (N,).
         columns: samples; shape (N, k).
-        clean: the same without outliers, which tell the correlation.
+        clean_columns: `columns` with outliers replaced, which tell the correlation.
         pieces: which samples are smoothed together.
         weights: of the samples of all pieces.
         bandwidth: the bandwidth, where it is known.
     """
-    whole = np.full(t.size, np.nan)
-    whole[np.concatenate(pieces)] = weights
+    weight_by_row = np.full(t.size, np.nan)
+    weight_by_row[np.concatenate(pieces)] = weights
     if sum(piece.size for piece in pieces) > _WINDOW * _WINDOWS:
         pieces = _stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
-    values, weights = columns[used], whole[used]
-    correlation = _noise_correlation([clean[run] for piece in pieces for run in _even_runs(t, piece)])
+    values, weights = columns[used], weight_by_row[used]
+    correlation = _noise_correlation([clean_columns[run] for piece in pieces for run in _even_runs(t, piece)])
     if bandwidth is not None:
-        return Model(bandwidth, correlation)
+        return SmoothingModel(bandwidth, correlation)
 
-    model = _of_least_cross_validation(times, values, weights, correlation)
+    model = _cross_validated_model(times, values, weights, correlation)
     # of samples without noise the spectrum tells nothing of it
-    return _of_least_cross_validation(times, values, weights, 0.0) if model.limited and correlation else model
+    return _cross_validated_model(times, values, weights, 0.0) if model.limited and correlation else model
 
 
-def _of_least_cross_validation(
+def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
-) -> Model:
-    """Return the bandwidth [Hz] of least generalised cross validation for a correlation of neighbours' noise."""
+) -> SmoothingModel:
+    """Return the SmoothingModel whose bandwidth has the least generalised cross-validation score, for a given
+    correlation of neighbours' noise.
+    """
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
-    def score(logarithm: float) -> float:
-        """Return the generalised cross-validation score of a bandwidth [Hz], given by its logarithm."""
-        spline = Spline(times, Model(float(np.exp(logarithm)), correlation), weights)
-        share = 1 - _COUNTED * spline.freedom() / count
+    def score(log_bandwidth: float) -> float:
+        """Return the generalised cross-validation score of the bandwidth [Hz] with the given natural logarithm."""
+        spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
+        share = 1 - _DEGREE_OF_FREEDOM_COST * spline.freedom() / count
         if share <= 0:
             return np.inf
         rest = spline.whitened(values - spline.fitted(spline.solve(values)))
@@ -205,17 +216,17 @@ def _of_least_cross_validation(
     scan = np.arange(np.log(0.1 / longest), np.log(0.5 / step), np.log(2) / 2)
     scores = np.array([score(x) for x in scan])
     if not np.isfinite(scores).any():
-        return Model(float(np.exp(scan[0])), correlation)
+        return SmoothingModel(float(np.exp(scan[0])), correlation)
     best = int(np.argmin(scores))
     limited = bool(best >= np.flatnonzero(np.isfinite(scores))[-1] - 1)
-    found, width = float(scan[best]), np.log(2) / 4
+    best_logarithm, width = float(scan[best]), np.log(2) / 4
     lowest = scores[best]
     for _ in range(3):
-        for x in (found - width, found + width):
+        for x in (best_logarithm - width, best_logarithm + width):
             if (value := score(x)) < lowest:
-                found, lowest = x, value
+                best_logarithm, lowest = x, value
         width /= 2
-    return Model(_WIDER * float(np.exp(found)), correlation, limited)
+    return SmoothingModel(_BANDWIDTH_FACTOR * float(np.exp(best_logarithm)), correlation, limited)
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
@@ -225,23 +236,24 @@ def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
-    """Return the correlation of neighbours' noise that the spectrum of columns tells; 0 where it may be white.
+    """Return the correlation of the noise of neighbouring samples, estimated from the spectrum of each piece; 0 where
+    the noise may be white.
 
     The spectrum is taken for that of a motion that falls with the tenth power of the frequency, and of noise.
     """
     frequencies, powers = [], []
     for values in pieces:
         count = values.shape[0]
-        if count < _MIN_SPECTRUM:
+        if count < _MIN_SPECTRUM_SAMPLES:
             continue
         place = np.arange(count)
         angle = 2 * np.pi * place / count
-        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_TAPER))
+        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_TAPER_COEFFS))
         line = np.polynomial.polynomial.polyfit(place / count, values, 1)
         level = values - np.polynomial.polynomial.polyval(place / count, line).T
         power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
-        frequencies.append(np.arange(_LOWEST_TERM, power.size - 1) / count)
-        powers.append(power[_LOWEST_TERM : power.size - 1])
+        frequencies.append(np.arange(_MIN_FREQUENCY_INDEX, power.size - 1) / count)
+        powers.append(power[_MIN_FREQUENCY_INDEX : power.size - 1])
     if not powers:
         return 0.0
     f, power = np.concatenate(frequencies), np.concatenate(powers)
@@ -249,57 +261,64 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         return 0.0
     power = np.maximum(power / power.max(), 1e-300)
     corners = np.exp(np.arange(np.log(f.min()), np.log(0.4), np.log(2) / 4))
-    motion = (corners[:, None] / f) ** (2 * _PENALTY_ORDER)
+    motion = (corners[:, None] / f) ** (2 * _PENALISED_DERIVATIVE_ORDER)
     cosine = np.cos(2 * np.pi * f)
     costs = []
-    for correlation in _CORRELATIONS:
+    for correlation in _TRIED_CORRELATIONS:
         noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
         shape = noise + motion * (1 + correlation) / (1 - correlation)
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
     columns = pieces[0].shape[1]
     best = int(np.argmin(costs))
-    gain = _TAPERED_SHARE * columns * (costs[0] - costs[best])
-    return float(_CORRELATIONS[best]) if gain > _MIN_CORRELATION_GAIN else 0.0
+    gain = _INDEPENDENT_TERM_RATIO * columns * (costs[0] - costs[best])
+    return float(_TRIED_CORRELATIONS[best]) if gain > _MIN_CORRELATION_LIKELIHOOD_GAIN else 0.0
 
 
 def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Return some stretches of the pieces, evenly spread."""
-    whole = np.concatenate(pieces)
+    """Return a list of index arrays: stretches of the pieces, evenly spread, that stand for a long record."""
+    all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
-    found = []
-    for start in np.linspace(0, whole.size - _WINDOW, _WINDOWS).astype(np.intp):
-        stretch, owner = whole[start : start + _WINDOW], owners[start : start + _WINDOW]
-        found += [part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= FEWEST]
-    return found
+    stretches = []
+    for start in np.linspace(0, all_rows.size - _WINDOW, _WINDOWS).astype(np.intp):
+        stretch, owner = all_rows[start : start + _WINDOW], owners[start : start + _WINDOW]
+        stretches += [
+            part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE_SAMPLES
+        ]
+    return stretches
 
 
-class Spline:
-    """B-splines on uniform knots of their own in each piece (instants [s]), and the penalty of a bandwidth."""
+class SmoothingSpline:
+    """A smoothing spline of given bandwidth: B-splines on uniform knots in each piece, and the factor of the
+    banded matrix that is solved for their coefficients.
+    """
 
-    def __init__(self, times: Sequence[Float64Array], model: Model, weights: Float64Array | None = None) -> None:
+    def __init__(
+        self, times: Sequence[Float64Array], model: SmoothingModel, weights: Float64Array | None = None
+    ) -> None:
         from scipy.interpolate import BSpline
         from scipy.linalg import cholesky_banded
         from scipy.sparse import block_diag
 
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
-        widest = max(1 / (_KNOTS * model.bandwidth), step) * (1 + 1e-12)
+        widest = max(1 / (_KNOTS_PER_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_continued(own) for own in inner]
-        self.ends = np.cumsum([own.size - _DEGREE - 1 for own in self.knots])
+        self.ends = np.cumsum([own.size - _SPLINE_DEGREE - 1 for own in self.knots])
         self.basis = block_diag(
-            [BSpline.design_matrix(time, own, _DEGREE) for time, own in zip(times, self.knots, strict=True)], "csr"
+            [BSpline.design_matrix(time, own, _SPLINE_DEGREE) for time, own in zip(times, self.knots, strict=True)],
+            "csr",
         )
         self.whitener = _whitener(times, model.correlation, step, weights)
-        rows, bands = self.basis, _DEGREE
+        rows, bands = self.basis, _SPLINE_DEGREE
         if self.whitener is not None:
             rows = self.whitener @ self.basis
-            bands += _MORE_BANDS
+            bands += _NUM_CORRELATION_BANDS
         self.normal = rows.T @ rows
-        penalty = np.concatenate([_penalty(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
-        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALTY_ORDER) / step
+        penalty = np.concatenate([_penalty_bands(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
+        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED_DERIVATIVE_ORDER) / step
         weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
         matrix = np.zeros((bands + 1, penalty.shape[1]))
-        matrix[bands - _DEGREE :] = weight * penalty
+        matrix[bands - _SPLINE_DEGREE :] = weight * penalty
         for k in range(min(bands + 1, penalty.shape[1])):
             matrix[bands - k, k:] += self.normal.diagonal(k)
         self.factor = cholesky_banded(matrix, check_finite=False)
@@ -310,7 +329,9 @@ class Spline:
         return columns if self.whitener is None else np.asarray(self.whitener @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
-        """Return the coefficients of columns at the instants of all pieces, one after the other."""
+        """Return the B-spline coefficients of the smooth curves through columns, which hold the samples of all
+        pieces one after the other.
+        """
         if self.whitener is None:
             return self._solved(self.basis.T @ columns)
         return self._solved((self.whitener @ self.basis).T @ (self.whitener @ columns))
@@ -325,39 +346,45 @@ class Spline:
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return a derivative of the curves at instants in one piece."""
+        """Return the derivative of the given order (0 for the values) of the curves with some coefficients, at
+        instants t [s] in one piece.
+        """
         from scipy.interpolate import BSpline
 
-        own = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
-        return np.asarray(BSpline(self.knots[piece], own, _DEGREE)(t, nu=order))
+        own = coefficients[self.ends[piece] - self.knots[piece].size + _SPLINE_DEGREE + 1 : self.ends[piece]]
+        return np.asarray(BSpline(self.knots[piece], own, _SPLINE_DEGREE)(t, nu=order))
 
     @functools.cached_property
     def covariances(self) -> Float64Array:
         """Return entries of the inverse of the matrix that is solved, upper bands: [d, j] is that of j and j + d."""
-        return inverse_bands(self._matrix, _DEGREE + 1)
+        return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the variances of a derivative at instants in one piece, for samples with a variance of 1; (N,)."""
+        """Return the variances (N,) of the derivative of the given order at instants t in one piece, for samples
+        with noise of variance 1.
+        """
         from scipy.interpolate import BSpline
 
         knots = self.knots[piece]
-        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _DEGREE + 1
-        place = (t - knots[_DEGREE]) / width
-        start = np.clip(np.floor(place), 0, knots.size - 2 * _DEGREE - 2).astype(np.intp)
-        element = BSpline.basis_element(np.arange(_DEGREE + 2.0), extrapolate=False)
+        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _SPLINE_DEGREE + 1
+        place = (t - knots[_SPLINE_DEGREE]) / width
+        start = np.clip(np.floor(place), 0, knots.size - 2 * _SPLINE_DEGREE - 2).astype(np.intp)
+        element = BSpline.basis_element(np.arange(_SPLINE_DEGREE + 2.0), extrapolate=False)
         element = element.derivative(order) if order else element
         inside = np.clip(place - start, 0.0, 1.0 - 1e-15)
-        values = np.nan_to_num([element(inside + _DEGREE - k) for k in range(_DEGREE + 1)])
+        values = np.nan_to_num([element(inside + _SPLINE_DEGREE - k) for k in range(_SPLINE_DEGREE + 1)])
         total = np.zeros(t.size)
-        for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
+        for i, j in itertools.combinations_with_replacement(range(_SPLINE_DEGREE + 1), 2):
             share = values[i] * values[j] * self.covariances[j - i, first + start + i]
             total += share if i == j else 2 * share
         return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
 
     def freedom(self) -> float:
-        """Return the degrees of freedom: the trace of the smoother, by probes of signs set far apart."""
+        """Return the effective degrees of freedom, the trace of the smoother, estimated with random vectors of
+        signs.
+        """
         size = int(self.ends[-1])
-        probes = np.zeros((size, min(_PROBES, size)))
+        probes = np.zeros((size, min(_NUM_TRACE_PROBES, size)))
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
             (-1.0, 1.0), size
         )
@@ -365,7 +392,9 @@ class Spline:
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise of samples white and alike; None where it is so already."""
+    """Return the sparse matrix that makes the noise of the samples white and of equal variance; None where it
+    already is.
+    """
     from scipy.sparse import diags_array
 
     if correlation == 0 and (weights is None or (weights == 1).all()):
@@ -386,7 +415,8 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
 
 
 def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
-    """Return upper bands of the inverse of a positive definite matrix (upper bands too), in its own size of blocks.
+    """Return the upper bands of the inverse of a positive definite matrix that is given by its upper bands; `bands`
+    says how many, at most as many as the matrix has.
 
     With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first
     (Takahashi, Fagan and Chin, Proceedings of the Eighth PICA Conference, 1973, 63-69).
@@ -416,32 +446,34 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     for k in range(blocks - 2, -1, -1):
         next_to[k] = -gains[k] @ own[k + 1]
         own[k] -= next_to[k] @ gains[k].T
-    found = np.zeros((bands, blocks * size))
+    inverse = np.zeros((bands, blocks * size))
     for d in range(bands):
         row = np.arange(blocks * size)
         block, i = np.divmod(row, size)
         j = i + d
-        found[d] = np.where(
+        inverse[d] = np.where(
             j < size, own[block, i, np.minimum(j, size - 1)], next_to[block, i, np.maximum(j - size, 0)]
         )
-    return found
+    return inverse
 
 
 def _continued(knots: Float64Array) -> Float64Array:
     """Return uniform knots with as many more at either end as the degree asks for."""
-    more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
+    more = (knots[1] - knots[0]) * np.arange(1, _SPLINE_DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
 
-def _penalty(intervals: int, width: float) -> Float64Array:
-    """Return the integrals of products of fifth derivatives of B-splines, upper bands."""
+def _penalty_bands(intervals: int, width: float) -> Float64Array:
+    """Return the upper bands of the matrix of integrals of products of the fifth derivatives of uniform B-splines,
+    on `intervals` intervals of the given width.
+    """
     from scipy.interpolate import BSpline
 
-    nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY_ORDER + 1)
-    bend = BSpline.basis_element(np.arange(_DEGREE + 2.0)).derivative(_PENALTY_ORDER)
-    bends = bend((nodes + 1) / 2 + np.arange(_DEGREE, -1, -1)[:, None])
-    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALTY_ORDER)
-    bands = np.zeros((_DEGREE + 1, intervals + _DEGREE))
-    for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
-        bands[_DEGREE - (j - i), j : j + intervals] += products[i, j]
+    nodes, weights = np.polynomial.legendre.leggauss(_SPLINE_DEGREE - _PENALISED_DERIVATIVE_ORDER + 1)
+    bend = BSpline.basis_element(np.arange(_SPLINE_DEGREE + 2.0)).derivative(_PENALISED_DERIVATIVE_ORDER)
+    bends = bend((nodes + 1) / 2 + np.arange(_SPLINE_DEGREE, -1, -1)[:, None])
+    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALISED_DERIVATIVE_ORDER)
+    bands = np.zeros((_SPLINE_DEGREE + 1, intervals + _SPLINE_DEGREE))
+    for i, j in itertools.combinations_with_replacement(range(_SPLINE_DEGREE + 1), 2):
+        bands[_SPLINE_DEGREE - (j - i), j : j + intervals] += products[i, j]
     return bands

@@ -6,12 +6,10 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
-_MAX_WRAPPED_SPAN_TURNS = (
-    1.05  # [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little
-)
-_MIN_WRAP_JUMP_TURNS = (
-    0.75  # [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way
-)
+# [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little.
+_MAX_WRAPPED_SPAN_TURNS = 1.05
+# [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way.
+_MIN_WRAP_JUMP_TURNS = 0.75
 
 
 def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
