@@ -10,8 +10,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import Execution
-from hingepair.integration.methods import RULES, runge_kutta4
-from hingepair.integration.stepping import CHUNK_STEPS, ROTATION_SCAN, SCAN_RADIX
+from hingepair.integration.methods import STEP_RULES, runge_kutta4
+from hingepair.integration.stepping import ROTATION_SCAN, SCAN_GROUP_SIZE, STEPS_PER_CHUNK
 from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
@@ -98,7 +98,7 @@ def test_the_tree_is_the_product_in_order(size, bound, backend):
 
     Of small rotations the rounding is as small, but for that of the few products that make large ones of them.
     """
-    factors = generator(121).normal(size=(4, 2 * SCAN_RADIX**3 + 37))
+    factors = generator(121).normal(size=(4, 2 * SCAN_GROUP_SIZE**3 + 37))
     factors[1:] *= size
     factors[0] += 1 / size
     factors /= np.sqrt((factors**2).sum(axis=0))
@@ -124,7 +124,7 @@ def _times(p, q):
 @backends
 def test_psi_is_a_compensated_sum(backend):
     """Psi = t + 0.3 sin t to 2u of psi, over several slabs."""
-    t = np.linspace(0, 50, 2 * CHUNK_STEPS + 5)
+    t = np.linspace(0, 50, 2 * STEPS_PER_CHUNK + 5)
     motion = hp.integrate(PAIR, t, 0 * t[:3], lambda s: 1 + 0.3 * np.cos(s), psi_0=0.1, outputs=(), backend=backend)
     with mpmath.workdps(DIGITS):
         for i in np.linspace(0, len(t) - 1, 400).astype(int):
@@ -135,15 +135,15 @@ def test_psi_is_a_compensated_sum(backend):
 
 @backends
 def test_attitudes_are_rotations_to_4u(backend):
-    t = np.linspace(0, 10, CHUNK_STEPS + 100)
+    t = np.linspace(0, 10, STEPS_PER_CHUNK + 100)
     S = attitudes(TURNED, t, backend=backend).S1.astype(np.longdouble)
     gap = np.abs(np.einsum("nji,njk->nik", S, S) - np.eye(3))
     assert gap.max() <= 4 * U
 
 
-@pytest.mark.parametrize("method", sparse(RULES, 5))
+@pytest.mark.parametrize("method", sparse(STEP_RULES, 5))
 def test_backends_agree(method):
-    t = np.sort(generator(122).uniform(0, 2, SCAN_RADIX**3 + 30))
+    t = np.sort(generator(122).uniform(0, 2, SCAN_GROUP_SIZE**3 + 30))
     plain = attitudes(TURNED, t, method=method, backend="numpy")
     other = attitudes(TURNED, t, method=method, backend="compiled")
     np.testing.assert_allclose(plain.quat_wxyz, other.quat_wxyz, rtol=0, atol=30 * U)

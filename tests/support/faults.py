@@ -342,7 +342,7 @@ FAULTS = {
     ),
     "omega in body axes with the sign of world axes": Fault(
         "integration/integrals.py",
-        '"h": -h if self.body else h',
+        '"h": -h if self.omega_in_body_axes else h',
         '"h": h',
         "integration/test_integrate.py::test_body_axes_are_world_axes_turned",
     ),
@@ -384,7 +384,7 @@ FAULTS = {
     ),
     "jumps that two quadratures hide": Fault(
         "integration/error_estimate.py",
-        "np.where(squares > (_NOISE_FACTOR * measured) ** 2, squares, 0.0)",
+        "np.where(squares > (_NOISE_LIMIT_IN_STD * measured) ** 2, squares, 0.0)",
         "0 * squares",
         "integration/test_integrate_steps.py::test_a_jump_of_a_callable_is_seen",
     ),
@@ -414,8 +414,8 @@ FAULTS = {
     ),
     "components side by side at three instants": Fault(
         "integration/signals.py",
-        "np.append(row, row[-1]) if row.shape == value_shape else row",
-        "row",
+        "np.append(times, times[-1]) if times.shape == value_shape else times",
+        "times",
         "integration/test_integrate_given.py::test_components_side_by_side_are_refused_at_any_number_of_instants",
     ),
     # what an engine alone can do wrong

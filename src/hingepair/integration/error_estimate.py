@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from hingepair.integration.integrals import AngleIntegral, Integral
 from hingepair.integration.interpolation_error import largest_interpolation_error
-from hingepair.integration.methods import RULES, Rule
+from hingepair.integration.methods import STEP_RULES, StepRule
 from hingepair.integration.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
@@ -36,7 +36,7 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 MAX_MEASURED_STEPS: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
-MIN_CHECKED_STEPS: Final = 509
+MIN_EVALUATED_STEPS: Final = 509
 """Even steps over the whole time at whose nodes a callable is evaluated, at least, to find what longer steps miss.
 
 A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
@@ -44,19 +44,20 @@ A feature that is narrower than one of these, and than half a step, may lie betw
 
 # Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
 _NODE_ROUNDING_FACTOR = 0.4
-_OUTER_NODES = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]  # first and last node of a step on [0, 1]
-_NOISE_FACTOR = 2.0  # standard deviations of rounding: a larger error has another cause
+# First and last node of a step on [0, 1].
+_FIRST_AND_LAST_GAUSS_NODE = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
+_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
-_END_OFFSET = 1e-4
-_CHUNK_INTERVALS = 1 << 12  # intervals whose errors are measured at a time, in arrays of a megabyte or two
+_STEP_END_OFFSET_FRACTION = 1e-4
+_INTERVALS_PER_CHUNK = 1 << 12  # intervals whose errors are measured at a time, in arrays of a megabyte or two
 _GOLDEN_FRACTION = 0.6180339887498949  # of the golden ratio; fractions of its multiples are spread evenly over [0, 1]
 _JUMP_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
-_MIN_LENGTH_SHARE = 0.5  # of the longest step of a part: shorter ones are not measured for the part
-_CONSTANT_RATE_STEPS = 64  # steps in which a rate is compared to find out whether it is constant
+_MIN_MEASURED_LENGTH_RATIO = 0.5  # of the longest step of a part: shorter ones are not measured for the part
+_CONSTANCY_CHECK_STEPS = 64  # steps in which a rate is compared to find out whether it is constant
 
 
-class MeasuredSteps(NamedTuple):
-    """Steps whose errors are measured: all steps, or some of each part of the time, which stand for the part."""
+class StepSample(NamedTuple):
+    """Sample of integration steps whose errors are measured, and the parts of the time for which they stand."""
 
     t: Array  # ends of all steps [s]; shape (steps + 1,)
     steps: NDArray[np.intp]  # indices of the measured steps, increasing
@@ -72,7 +73,7 @@ class MeasuredSteps(NamedTuple):
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
-        """Return the ratios of a part's error to its measured step's, where errors go as length^(order + 1)."""
+        """Return the ratio of the error of each step's part to its own, where errors go as length^(order + 1)."""
         if len(self.steps) == len(self.t) - 1:
             return np.ones(len(self.steps))
         errors = np.diff(self.t) ** (order + 1)
@@ -82,8 +83,8 @@ class MeasuredSteps(NamedTuple):
         return np.asarray(factors[part])
 
 
-def choose_measured_steps(t: Array, order: int, signals: Sequence[Signal] = ()) -> MeasuredSteps:
-    """Choose the steps whose errors are measured: all, or one of each of about MAX_MEASURED_STEPS parts.
+def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
+    """Return the steps whose errors are measured: all, or one in each of about MAX_MEASURED_STEPS parts of the time.
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -94,7 +95,7 @@ def choose_measured_steps(t: Array, order: int, signals: Sequence[Signal] = ()) 
     count = len(t) - 1
     indices = np.arange(count)
     if count <= MAX_MEASURED_STEPS:
-        return MeasuredSteps(t, indices, indices)
+        return StepSample(t, indices, indices)
     lengths = np.diff(t)
     place = np.floor(0.5 * MAX_MEASURED_STEPS * (indices / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
     first = np.diff(place, prepend=-1) > 0
@@ -105,27 +106,27 @@ def choose_measured_steps(t: Array, order: int, signals: Sequence[Signal] = ()) 
             first[abrupt[abrupt < count - 1] + 1] = True
     parts = np.flatnonzero(first)
     shares = lengths / np.repeat(np.maximum.reduceat(lengths, parts), np.diff(parts, append=count))
-    below = np.append(0.0, np.cumsum(np.where(shares < _MIN_LENGTH_SHARE, 0.0, shares ** (order + 1))))
+    below = np.append(0.0, np.cumsum(np.where(shares < _MIN_MEASURED_LENGTH_RATIO, 0.0, shares ** (order + 1))))
     chance = np.arange(1, len(parts) + 1) * _GOLDEN_FRACTION % 1.0
     sums = np.diff(below[np.append(parts, count)])
-    return MeasuredSteps(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
+    return StepSample(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
 
 
-def _most_abrupt_steps(t: Array, columns: Array) -> NDArray[np.intp]:
-    """Return the steps over which values change most abruptly, by the error of polynomials through six of them."""
-    count, most = len(t) - 1, MAX_MEASURED_STEPS // 8
-    rows = columns
+def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
+    """Return the indices of the MAX_MEASURED_STEPS / 8 steps over which the values at t change most abruptly."""
+    count, step_count = len(t) - 1, MAX_MEASURED_STEPS // 8
+    differences = values
     for k in range(1, _JUMP_DIFFERENCE_ORDER + 1):
-        rows = np.diff(rows, axis=0) / (t[k:] - t[:-k])[:, None]
-    first = np.clip(np.arange(count) - (_JUMP_DIFFERENCE_ORDER - 1) // 2, 0, len(rows) - 1)
-    middle, off = 0.5 * (t[:-1] + t[1:]), np.diff(t) * row_norms(rows)[first]
+        differences = np.diff(differences, axis=0) / (t[k:] - t[:-k])[:, None]
+    first = np.clip(np.arange(count) - (_JUMP_DIFFERENCE_ORDER - 1) // 2, 0, len(differences) - 1)
+    middle, sizes = 0.5 * (t[:-1] + t[1:]), np.diff(t) * row_norms(differences)[first]
     for k in range(_JUMP_DIFFERENCE_ORDER):
-        off *= np.abs(middle - t[first + k])
-    return np.argpartition(off, -most)[-most:]
+        sizes *= np.abs(middle - t[first + k])
+    return np.argpartition(sizes, -step_count)[-step_count:]
 
 
 class StepErrors(NamedTuple):
-    """Measured errors of steps."""
+    """Measured errors of integration steps, the noise of the measurement, and bounds on errors that it may miss."""
 
     errors: Array  # rotation vectors (P, 3) or angles (P, 1) [rad]
     undetected: Array  # sizes of errors of jumps that the measurement may miss [rad]; shape (P,)
@@ -134,9 +135,9 @@ class StepErrors(NamedTuple):
     rate_integral_noise: Array  # standard deviations of what rounding adds to these [rad]; shape (P,)
 
     @property
-    def rounding(self) -> IntervalRounding:
-        """Rounding of the steps."""
-        return IntervalRounding(self.rate_integral, self.rate_integral_noise)
+    def rounding(self) -> StepRounding:
+        """Rounding of the steps, by their integrals of abs(rate)."""
+        return StepRounding(self.rate_integral, self.rate_integral_noise)
 
     @property
     def sizes(self) -> Array:
@@ -155,15 +156,15 @@ def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
 
 @np.errstate(all="ignore")
 def estimate_error(
-    integral: Integral, steps: Steps, values: Array, measured_errors: tuple[MeasuredSteps, StepErrors] | None = None
+    integral: Integral, steps: Steps, values: Array, measured_errors: tuple[StepSample, StepErrors] | None = None
 ) -> float:
-    """Estimate the error of an integral at the worst instant [rad], without that of rounded stamps.
+    """Return an estimate of the error of an integral at its worst instant [rad], without the rounding of stamps.
 
     Args:
         integral: the integral.
         steps: its steps.
         values: attitudes or angles at the ends of the steps.
-        measured_errors: errors of the steps, if these were measured already.
+        measured_errors: a sample of the steps and their errors, if these were measured already.
 
     Returns:
         The error; NaN where it cannot be estimated.
@@ -172,10 +173,10 @@ def estimate_error(
     if not steps.step_count or (isinstance(integral, AngleIntegral) and integral.is_exact):
         return integral.rounding_at_instants(values, 0.0)
     if integral.is_exact:
-        measured = choose_measured_steps(steps.t, rule.order)
-        return rounding_error(integral, values, measured, interval_rounding(rate, *measured.ends))
+        measured = choose_step_sample(steps.t, rule.order)
+        return rounding_error(integral, values, measured, step_rounding(rate, *measured.ends))
     if measured_errors is None:
-        measured = choose_measured_steps(steps.t, rule.order, (rate,))
+        measured = choose_step_sample(steps.t, rule.order, (rate,))
         measured_errors = measured, measure_step_errors(integral, *measured.ends, steps.t[-1] - steps.t[0])
     measured, errors = measured_errors
     rounding = rounding_error(integral, values, measured, errors.rounding)
@@ -192,24 +193,24 @@ def estimate_error(
     return rounding + missed
 
 
-def rounding_error(integral: Integral, values: Array, measured: MeasuredSteps, rounding: IntervalRounding) -> float:
-    """Return the rounding error of an integral at the worst instant [rad], without that of rounded stamps.
+def rounding_error(integral: Integral, values: Array, measured: StepSample, rounding: StepRounding) -> float:
+    """Return the rounding error of an integral at its worst instant [rad], without the rounding of time stamps.
 
     Args:
         integral: the integral.
         values: attitudes or angles at the ends of the steps.
         measured: the steps whose rounding is known.
-        rounding: their rounding.
+        rounding: rounding of these steps.
     """
     size = float((rounding.rate_integral * measured.error_weights(0)).sum())
-    if _is_constant(integral.rate, measured):
+    if _is_rate_constant(integral.rate, measured):
         return UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
     noise = math.sqrt(float((rounding.noise**2 * measured.error_weights(1)).sum()))
     return noise + integral.rounding_at_instants(values, size)
 
 
 class AccumulatedErrors(NamedTuple):
-    """Errors of measured steps in axes in which they add up."""
+    """Errors of measured steps in the axes of the first instant, where they add up to errors of the integral."""
 
     errors: Array  # of all steps that each stands for, in the axes of the first instant [rad]; shape (P, k)
     noise: Array  # standard deviations of what rounding adds to these beyond what it adds to all steps [rad]
@@ -217,7 +218,7 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the largest sum of errors up to any instant [rad], at least the root sum of squares of `undetected`.
+        """Return the largest sum of errors times `factors` up to any instant [rad], or the RMS sum of missed ones.
 
         Args:
             factors: multiply the errors; shape (P,).
@@ -229,13 +230,13 @@ class AccumulatedErrors(NamedTuple):
         noise, undetected = (
             math.sqrt(float(((sizes * factors) ** 2).sum())) for sizes in (self.noise, self.undetected)
         )
-        return float(np.maximum(0.0 if largest <= 2 * _NOISE_FACTOR * noise else largest, undetected))
+        return float(np.maximum(0.0 if largest <= 2 * _NOISE_LIMIT_IN_STD * noise else largest, undetected))
 
 
 def accumulate_errors(
-    integral: Integral, steps: Steps, values: Array, measured: MeasuredSteps, errors: StepErrors
+    integral: Integral, steps: Steps, values: Array, measured: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
-    """Rotate the measured errors of steps to the axes of the first instant, where they add up.
+    """Return the measured errors of steps rotated to the axes of the first instant, where they add up.
 
     Args:
         integral: the integral.
@@ -254,71 +255,79 @@ def accumulate_errors(
     return AccumulatedErrors(errors_at_start, noise, undetected, counts_before)
 
 
-def _is_constant(rate: Signal, measured: MeasuredSteps) -> bool:
-    """Return whether a rate is the same at the nodes of a few sampled steps; all steps are then rounded alike."""
+def _is_rate_constant(rate: Signal, measured: StepSample) -> bool:
+    """Return whether a rate is the same at the nodes of some measured steps; all steps are then rounded alike."""
     if isinstance(rate, ConstantSignal):
         return True
-    sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANT_RATE_STEPS).astype(np.intp))
+    sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANCY_CHECK_STEPS).astype(np.intp))
     start, stop = (times[sampled] for times in measured.ends)
-    rates = rate.values_at_nodes(start, stop - start, _OUTER_NODES)
+    rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_GAUSS_NODE)
     return bool((rates == rates[0, 0]).all())
 
 
-def _sum_by_sample_interval(steps: Steps, chosen: NDArray[np.intp], errors: Array) -> tuple[NDArray[np.intp], Array]:
-    """Sum errors of steps over the intervals between samples, of which steps may be parts."""
+def _sum_by_sample_interval(
+    steps: Steps, step_indices: NDArray[np.intp], errors: Array
+) -> tuple[NDArray[np.intp], Array]:
+    """Return the indices of intervals between instants, and the sums of the errors of the steps that lie in each."""
     if steps.instant_indices is None:
-        return chosen, errors
-    whole, first = np.unique(np.searchsorted(steps.instant_indices, chosen, side="right") - 1, return_index=True)
-    return whole, np.add.reduceat(errors, first, axis=0)
+        return step_indices, errors
+    intervals, first = np.unique(
+        np.searchsorted(steps.instant_indices, step_indices, side="right") - 1, return_index=True
+    )
+    return intervals, np.add.reduceat(errors, first, axis=0)
 
 
-def measure_step_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
-    """Measure the errors of steps by steps of half the length, or shorter ones where steps are long.
+def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
+    """Return the errors of steps, measured against steps of half their length, or shorter where steps are long.
 
     Args:
         integral: the integral.
         start: instants at which the steps begin [s].
         stop: instants at which the steps end [s].
-        whole: the whole time [s], which is divided into at least `MIN_CHECKED_STEPS` even steps.
+        duration: the whole time [s], which is divided into at least `MIN_EVALUATED_STEPS` even steps.
     """
-    groups = (slice(first, first + _CHUNK_INTERVALS) for first in range(0, len(start), _CHUNK_INTERVALS))
-    return concatenate_errors(_measure_chunk_errors(integral, start[group], stop[group], whole) for group in groups)
+    groups = (slice(first, first + _INTERVALS_PER_CHUNK) for first in range(0, len(start), _INTERVALS_PER_CHUNK))
+    return concatenate_errors(
+        _measure_chunk_errors(integral, start[group], stop[group], duration) for group in groups
+    )
 
 
-def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
-    """Measure the errors of one chunk of steps."""
+def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
+    """Return the errors of a chunk of steps as `measure_step_errors` does."""
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     fine = subdivide(
-        start, stop, 2 * np.maximum(-(-count_even_steps(stop - start, whole, MIN_CHECKED_STEPS) // 2), 1)
+        start, stop, 2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVALUATED_STEPS) // 2), 1)
     )
-    nodes = (
+    node_values = (
         rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),
         rate.values_at_nodes(fine.start, fine.h, rule.nodes),
     )
     gain = fine.counts.astype(float) ** rule.order  # the ratio of errors, for Richardson extrapolation
-    errors = integral.difference(coarse, fine, nodes) * (gain / (gain - 1))[:, None]
-    rounding = interval_rounding(rate, start, stop)
+    errors = integral.difference(coarse, fine, node_values) * (gain / (gain - 1))[:, None]
+    rounding = step_rounding(rate, start, stop)
     noise = rounding.noise + integral.rounding_of_sums(rounding.rate_integral, fine.counts.astype(float))
-    undetected = errors_above_noise(_undetected_errors(rate, coarse, fine, nodes, rule), 4 * noise)
+    undetected = errors_above_noise(_undetected_errors(rate, coarse, fine, node_values, rule), 4 * noise)
     return StepErrors(errors, undetected, noise, rounding.rate_integral, rounding.noise)
 
 
-def count_even_steps(lengths: Array, whole: float, steps: int) -> NDArray[np.int64]:
-    """Return how many of `steps` even steps over the whole time lie in each interval; at least one."""
-    counts: NDArray[np.int64] = np.clip(np.nan_to_num(np.ceil(lengths * (steps / whole)), nan=1.0), 1, steps)
+def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArray[np.int64]:
+    """Return how many of `even_steps` equal steps of the whole time lie in intervals of these lengths; 1 or more."""
+    counts: NDArray[np.int64] = np.clip(
+        np.nan_to_num(np.ceil(lengths * (even_steps / duration)), nan=1.0), 1, even_steps
+    )
     return counts.astype(np.int64)
 
 
 def errors_above_noise(errors: Array, noise: Array) -> Array:
     """Return the sizes of errors that rounding does not explain, and zero for the others."""
-    return np.where(errors <= _NOISE_FACTOR * noise, 0.0, errors)
+    return np.where(errors <= _NOISE_LIMIT_IN_STD * noise, 0.0, errors)
 
 
 def _undetected_errors(
-    signal: Signal, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array], rule: Rule
+    signal: Signal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
 ) -> Array:
-    """Return bounds on the errors [rad] of jumps on which two quadratures agree by chance; shape (P,).
+    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance; (intervals,).
 
     Where a callable jumps between two nodes of a pair of steps, the error of the integral may be the jump times the
     distance of the nodes. Divided differences over many nodes estimate this product; they are small where the
@@ -327,24 +336,28 @@ def _undetected_errors(
     if not isinstance(signal, CallableSignal) or rule.nodes[0] == 0:
         return np.zeros(len(coarse.h))
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
-    inside = nodes[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
-    ends = signal.values_at_nodes(pairs.start, pairs.h, (_END_OFFSET, 1 - _END_OFFSET)).reshape(len(pairs.h), 2, -1)
+    inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
+    ends = signal.values_at_nodes(
+        pairs.start, pairs.h, (_STEP_END_OFFSET_FRACTION, 1 - _STEP_END_OFFSET_FRACTION)
+    ).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
     jumps = [row_norms((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
     squares = pairs.sum_over_intervals((pairs.h * np.minimum(*jumps)) ** 2)
-    measured = row_norms(rule.integral(nodes[0], coarse.h) - fine.sum_over_intervals(rule.integral(nodes[1], fine.h)))
-    return np.sqrt(np.where(squares > (_NOISE_FACTOR * measured) ** 2, squares, 0.0))
+    measured = row_norms(
+        rule.integral(node_values[0], coarse.h) - fine.sum_over_intervals(rule.integral(node_values[1], fine.h))
+    )
+    return np.sqrt(np.where(squares > (_NOISE_LIMIT_IN_STD * measured) ** 2, squares, 0.0))
 
 
 @functools.cache
-def _jump_weights(rule: Rule) -> tuple[Array, Array]:
-    """Return weights of divided differences, of the rule's order and one more, about each gap between nodes.
+def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
+    """Return two matrices (gaps, nodes) of divided differences that give, for a unit jump in a gap, the gap's length.
 
-    Of a function that jumps by 1 in a gap, the row of the gap gives the length of the gap.
+    Gaps are those between neighbouring nodes. The orders of the differences are the rule's order and one more.
     """
     nodes = np.array(rule.nodes) / 2
-    x = np.concatenate([[_END_OFFSET], nodes, 0.5 + nodes, [1 - _END_OFFSET]])
+    x = np.concatenate([[_STEP_END_OFFSET_FRACTION], nodes, 0.5 + nodes, [1 - _STEP_END_OFFSET_FRACTION]])
     matrices = []
     for order in (rule.order, rule.order + 1):
         rows = np.zeros((len(x) - 1, len(x)))
@@ -357,24 +370,24 @@ def _jump_weights(rule: Rule) -> tuple[Array, Array]:
     return matrices[0], matrices[1]
 
 
-class IntervalRounding(NamedTuple):
-    """Rounding of steps over intervals."""
+class StepRounding(NamedTuple):
+    """Integrals of the absolute rate over integration steps, and standard deviations of the steps' rounding."""
 
     rate_integral: Array  # integrals of abs(rate) over the intervals [rad]; shape (P,)
     noise: Array  # standard deviations of what rounding adds to these [rad]; shape (P,)
 
 
-def interval_rounding(signal: Signal, start: Array, stop: Array) -> IntervalRounding:
-    """Return bounds on the rounding errors of steps over intervals."""
+def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
+    """Return the rounding of integration steps between starts and stops [s], as standard deviations."""
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
-        return IntervalRounding(size, UNIT_ROUNDOFF * size)
-    rates = signal.values_at_nodes(start, h, _OUTER_NODES).reshape(len(h), 2, -1)
+        return StepRounding(size, UNIT_ROUNDOFF * size)
+    rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_GAUSS_NODE).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     node_noise = (
         0.0
         if isinstance(signal, SampledSignal)
         else _NODE_ROUNDING_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
-    return IntervalRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))
+    return StepRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

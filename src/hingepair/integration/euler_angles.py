@@ -19,25 +19,26 @@ from hingepair.engine.native import can_compile
 from hingepair.engine.trace import where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import GimbalLockError
-from hingepair.integration.methods import RULES, quaternion_product
+from hingepair.integration.methods import STEP_RULES, quaternion_product
 from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 
-RK4_NODES: Final = RULES["rk4_quaternion"].nodes
+RK4_NODES: Final = STEP_RULES["rk4_quaternion"].nodes
 """Nodes of a classical Runge-Kutta step, as fractions of the step."""
 
-_MIN_COSINE = 0.5  # abs(cos phi_y): below, an angle that turns far in a step does so because gimbal lock is near
+# abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
+_GIMBAL_LOCK_COSINE = 0.5
 _MAX_STEP_ANGLE = 1.0  # rad: largest change of an angle in a step
 _MIN_COMPILED_STEPS = 5_000  # steps from which on compiling pays
 
 
 def integrate_euler_angles(
-    omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, body: bool
+    omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, omega_in_body_axes: bool
 ) -> Array:
-    """Integrate the Euler angles of body 1 over steps, continuous in time; shape (steps + 1, 3).
+    """Return the Euler angles of body 1 between steps, integrated from omega, continuous; shape (steps + 1, 3).
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near gimbal lock or because steps are too
@@ -46,12 +47,12 @@ def integrate_euler_angles(
     angles = np.empty((len(steps.t), 3))
     angles[0] = start
     compile_auto = execution.backend == "auto" and steps.step_count >= _MIN_COMPILED_STEPS and can_compile()
-    run = _run_compiled if compile_auto or execution.backend == "compiled" else _run_on_floats
+    run = _integrate_compiled if compile_auto or execution.backend == "compiled" else _integrate_on_floats
     for first, last in steps.chunks():
         begin, (h, _) = steps.starts_and_lengths(first, last)
         rows = angles[first + 1 : last + 1]
         rows[:] = math.nan
-        run(omega.values_at_nodes(begin, h, RK4_NODES), h, angles[first], body, rows)
+        run(omega.values_at_nodes(begin, h, RK4_NODES), h, angles[first], omega_in_body_axes, rows)
         if not np.isfinite(rows[-1]).all():
             failed = int(np.argmin(np.isfinite(rows).all(axis=1)))
             phi_y = rows[failed - 1, 1] if failed else angles[first, 1]
@@ -66,46 +67,48 @@ def integrate_euler_angles(
 
 
 def euler_to_quaternions(phi: Array) -> Array:
-    """Convert Euler angles (E10) to unit quaternions (w, x, y, z), continuous where the angles are."""
+    """Return the unit quaternions (w, x, y, z) of Euler angles XYZ (E10), continuous where the angles are."""
     (sx, sy, sz), (cx, cy, cz) = np.sin(0.5 * phi).T, np.cos(0.5 * phi).T
     about_x_y = quaternion_product((cx, sx, 0.0, 0.0), (cy, 0.0, sy, 0.0))
     return np.stack(quaternion_product(about_x_y, (cz, 0.0, 0.0, sz)), axis=-1)
 
 
-def _run_on_floats(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
-    """Run steps one after the other on Python floats, up to the first that comes too near to gimbal lock."""
-    phi, step = tuple(start.tolist()), _float_step(body)
-    for k, (w, length) in enumerate(zip(omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
-        rows[k] = phi = step(*phi, *w, length)[:3]
+def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
+    """Write the angles after each step into `angles`, computed on floats; stop after NaN, which means gimbal lock."""
+    phi, step = tuple(start.tolist()), _float_step_function(omega_in_body_axes)
+    for k, (w, length) in enumerate(zip(node_omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
+        angles[k] = phi = step(*phi, *w, length)[:3]
         if not math.isfinite(phi[0] + phi[2]):
             return
 
 
 @functools.cache
-def _float_step(body: bool) -> Any:
-    """Return the Python function of one step, of floats."""
-    loop = _runge_kutta_loop(body)
+def _float_step_function(omega_in_body_axes: bool) -> Any:
+    """Return the Python function of one Runge-Kutta step on floats: from phi, omega at three nodes and h to phi."""
+    loop = _runge_kutta_loop(omega_in_body_axes)
     examples = {name: np.full((2, *shape), 0.5) for name, shape in loop.inputs}
     return loop.program(bind(loop.inputs, examples, frozenset(loop.carry)).pattern).floats_function
 
 
-def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
-    """Run steps by the compiled loop."""
-    arguments = {"phi": start[None], "omega": omega[None], "h": h[None]}
-    _runge_kutta_loop(body).run(arguments, {"phi": rows[None]}, (1, len(h)), FLOAT64_DTYPE, Execution("compiled", 1))
+def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
+    """Write the angles after each step into `angles`, computed by the compiled loop."""
+    arguments = {"phi": start[None], "omega": node_omega[None], "h": h[None]}
+    _runge_kutta_loop(omega_in_body_axes).run(
+        arguments, {"phi": angles[None]}, (1, len(h)), FLOAT64_DTYPE, Execution("compiled", 1)
+    )
 
 
 @functools.cache
-def _runge_kutta_loop(body: bool) -> Loop:
-    """Return the loop of classical Runge-Kutta steps from omega at start, middle and end; NaN near gimbal lock."""
+def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
+    """Return the `Loop` of Runge-Kutta steps of Euler angles from omega at start, middle and end; NaN near lock."""
 
     def step(values: dict[str, Any]) -> dict[str, Any]:
         """Return the angles phi after a step from phi before it, omega at start, middle and end, and length h."""
         phi, w, h = values["phi"], values["omega"], values["h"]
-        a = _euler_rates(phi, w[:3], h, body)
-        b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, body)
-        c = _euler_rates(eq.add(phi, eq.scale(b, 0.5 * h)), w[3:6], h, body)
-        d = _euler_rates(eq.add(phi, eq.scale(c, h)), w[6:], h, body)
+        a = _euler_rates(phi, w[:3], h, omega_in_body_axes)
+        b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, omega_in_body_axes)
+        c = _euler_rates(eq.add(phi, eq.scale(b, 0.5 * h)), w[3:6], h, omega_in_body_axes)
+        d = _euler_rates(eq.add(phi, eq.scale(c, h)), w[6:], h, omega_in_body_axes)
         rise = eq.add(eq.add(a, eq.scale(eq.add(b, c), 2)), d)
         return {"phi": eq.add(phi, eq.scale(rise, h / 6))}
 
@@ -113,18 +116,18 @@ def _runge_kutta_loop(body: bool) -> Loop:
     return Loop("euler_angles", step, shapes, {"phi": (3,)}, carry={"phi": "phi"})
 
 
-def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, body: bool) -> Any:
-    """Return J^-1 omega (E4); NaN where gimbal lock is too near for a step of length h."""
+def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_axes: bool) -> Any:
+    """Return the Euler-angle rates J^-1 omega (E4); NaN where gimbal lock is too near for a step of length h."""
     x, y, z = phi
     trig = (sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z))
-    w = eq.rotate(eq.tait_bryan_attitude(trig), omega) if body else omega
+    w = eq.rotate(eq.tait_bryan_attitude(trig), omega) if omega_in_body_axes else omega
     axes = eq.tait_bryan_axes(trig)
     rate_along_x, cos_y = eq.scaled_third_rate(axes, w), trig[3]
     rates, nan_rates = eq.euler_rates1(axes, w, rate_along_x / cos_y), (math.nan,) * 3
     squared_change, squared_cos = (rate_along_x * h) * (rate_along_x * h), cos_y * cos_y
     return where_less(
         squared_cos,
-        _MIN_COSINE**2,
+        _GIMBAL_LOCK_COSINE**2,
         where_less(_MAX_STEP_ANGLE**2 * squared_cos, squared_change, nan_rates, rates),
         rates,
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import RULES, Rule, angle_loop, quaternion_product, rotation_loop
+from hingepair.integration.methods import STEP_RULES, StepRule, angle_loop, quaternion_product, rotation_loop
 from hingepair.integration.signals import ConstantSignal, Signal
 from hingepair.integration.stepping import ROTATION_SCAN, SUM_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64_DTYPE
@@ -27,16 +27,16 @@ _CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RateIntegral:
-    """Integral of a rate by the steps of a rule."""
+    """Base of integrals of a rate: the rate as a signal, the rule that makes steps, and the execution."""
 
     name: str  # of the rate, for messages
     rate: Signal
-    rule: Rule  # the one-step method
+    rule: StepRule  # the one-step method
     execution: Execution
     expected_rate: ClassVar[str]  # of messages on overflow
 
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Refuse results that have overflowed, which the last row shows; the error names the first such interval."""
+        """Check that results between steps have not overflowed; an error names the first interval where they have."""
         if not np.isfinite(rows[-1]).all():
             first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))
             raise ArgumentError(
@@ -59,7 +59,7 @@ class AngleIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: float) -> Array:
-        """Return the angles between steps, accurate to the last bit or so of the sum; shape (steps + 1,)."""
+        """Return the angles [rad] between steps, accurate to about the last bit of the sum; shape (steps + 1,)."""
         if isinstance(self.rate, ConstantSignal):
             change = pair_product((self.rate.value, 0.0), exact_sum(steps.t, -steps.t[0]))
             angles = np.stack(pair_sum(change, (start, 0.0)), axis=-1)
@@ -73,11 +73,11 @@ class AngleIntegral(_RateIntegral):
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
         angle_loop(self.rule).run(arguments, {"sum": rows}, h[0].shape, FLOAT64_DTYPE, self.execution)
 
-    def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
-        """Return the integrals by coarse steps less those by finer steps of the same intervals; shape (P, 1)."""
+    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
+        """Return the angles by coarse steps less those by finer steps of the same intervals [rad]; (intervals, 1)."""
         sums = [
             steps.sum_over_intervals(self.rule.integral(values, steps.h))
-            for steps, values in zip((coarse, fine), nodes, strict=True)
+            for steps, values in zip((coarse, fine), node_values, strict=True)
         ]
         return sums[0] - sums[1]
 
@@ -101,7 +101,7 @@ class AttitudeIntegral(_RateIntegral):
     In body axes S^T solves the first equation with -omega; a step depends on h omega only, so that h is negated.
     """
 
-    body: bool  # whether omega is in body axes
+    omega_in_body_axes: bool
     expected_rate: ClassVar[str] = "a rate that turns by a finite angle in each step"
     default_start: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])  # where only changes matter
     max_error: ClassVar[float] = math.pi  # rad
@@ -109,41 +109,45 @@ class AttitudeIntegral(_RateIntegral):
     @property
     def is_exact(self) -> bool:
         """Whether steps have no truncation error: a constant rate, but not by Runge-Kutta steps."""
-        return isinstance(self.rate, ConstantSignal) and self.rule is not RULES["rk4_quaternion"]
+        return isinstance(self.rate, ConstantSignal) and self.rule is not STEP_RULES["rk4_quaternion"]
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the attitudes between steps, without a jump of their sign; shape (steps + 1, 4)."""
-        begin = start * _CONJUGATE_SIGNS if self.body else start
+        """Return the quaternions (w, x, y, z) between steps, without a jump of their sign; shape (steps + 1, 4)."""
+        begin = start * _CONJUGATE_SIGNS if self.omega_in_body_axes else start
         quats = ROTATION_SCAN.scan_steps(steps, tuple(begin.tolist()), self._fill, self.execution)
         self.check_finite(quats, steps)
-        return quats * _CONJUGATE_SIGNS if self.body else quats
+        return quats * _CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the rotations of steps into rows."""
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
-    def _compute_rotations(self, nodes: Array, h: Array, rows: Array) -> None:
-        """Write the rotations of steps into rows, from omega at their nodes."""
+    def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
+        """Write the quaternions of steps of lengths h into `quats`, from omega at their node_omega."""
         rotation_loop(self.rule).run(
-            {"omega": nodes, "h": -h if self.body else h}, {"q": rows}, h.shape, FLOAT64_DTYPE, self.execution
+            {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
+            {"q": quats},
+            h.shape,
+            FLOAT64_DTYPE,
+            self.execution,
         )
 
-    def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
-        """Return the rotation vectors from the attitudes by finer steps to those by coarse steps; shape (P, 3)."""
-        a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), nodes, strict=True))
+    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
+        """Return the rotation vectors [rad] from results of fine steps to those of coarse steps; (intervals, 3)."""
+        a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), node_values, strict=True))
         w, x, y, z = quaternion_product(tuple(a), (b[0], -b[1], -b[2], -b[3]))
         length = np.sqrt(x * x + y * y + z * z)
         factor = np.where(length > 0, 2 * np.arctan2(length, np.abs(w)) / np.where(length > 0, length, 1.0), 2.0)
-        factor *= np.copysign(1.0, -w if self.body else w)
+        factor *= np.copysign(1.0, -w if self.omega_in_body_axes else w)
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
-    def _interval_rotations(self, division: Subdivision, nodes: Array) -> Array:
-        """Return the rotations over intervals, (4, P), by multiplying neighbours until one is left of each."""
-        rows = np.empty((len(division.h), 4))
-        self._compute_rotations(nodes, division.h, rows)
-        q, part = rows.T.copy(), division.part
-        while len(part) > len(division.counts):
+    def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
+        """Return the quaternions of intervals, (4, intervals), by multiplying those of their steps pairwise."""
+        quats = np.empty((len(subdivision.h), 4))
+        self._compute_rotations(node_omega, subdivision.h, quats)
+        q, part = quats.T.copy(), subdivision.part
+        while len(part) > len(subdivision.counts):
             even = np.flatnonzero(part % 2 == 0)
             later = np.minimum(even + 1, len(part) - 1)
             paired = part[later] == part[even] + 1
@@ -161,8 +165,8 @@ class AttitudeIntegral(_RateIntegral):
         return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
-        """Rotate errors of intervals to the axes of the first instant, where they add up; quats at their ends."""
-        q = quats if self.body else quats * _CONJUGATE_SIGNS
+        """Return errors of intervals in the axes of the first instant; `quats` are the attitudes at their ends."""
+        q = quats if self.omega_in_body_axes else quats * _CONJUGATE_SIGNS
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)
         return np.asarray(errors + w * twice + np.cross(axis, twice))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.signals import Signal, read_position, read_signal
-from hingepair.integration.solve import METHODS, Solution, SolveOptions, solve
+from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
@@ -34,22 +34,22 @@ from hingepair.plans.plan import (
 )
 from hingepair.rotations.matrices import check_rotation
 
-FRAMES: Final = ("world", "body")
+RATE_FRAME_NAMES: Final = ("world", "body")
 """Axes in which omega1 and alpha1 may be given."""
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
-"""A rate as users give it."""
+"""Type of a rate argument: constant, samples, or a callable of an array of times."""
 SignalsByName: TypeAlias = Mapping[str, Signal]
-"""The rates, by the names of the arguments."""
+"""Signals of the rates, by the names of the arguments."""
 
-_RATE_ARGUMENT_NAMES: Final = {
+_RATE_ARGUMENT_BY_INPUT: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
-"""Arguments of rates, by the input of a plan that they give."""
+"""Names of the arguments that give rates, by input of a plan."""
 
-_R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
-"""What the argument R1 must be so that it gives an input of a plan."""
+_R1_FORM_BY_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+"""Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
 @overload
@@ -165,8 +165,8 @@ def integrate(
     >>> round(float(motion.psi[-1]), 9)
     1.0
     """
-    check_choice("method", method, METHODS)
-    check_choice("frame", frame, FRAMES)
+    check_choice("method", method, METHOD_NAMES)
+    check_choice("frame", frame, RATE_FRAME_NAMES)
     for name, value in (
         ("t", t),
         ("omega1", omega1),
@@ -225,31 +225,33 @@ def _compute_state(
     options: SolveOptions,
     solution: Solution,
     rates: SignalsByName,
-    point: Mapping[str, NDArray[Any]],
+    R1_motion: Mapping[str, NDArray[Any]],
     outputs: Outputs,
 ) -> Any:
-    """Compute the state of the pair at the instants from the solution and the signals."""
+    """Return the state of a pair at the instants, from the solution, the rates and the motion of R1."""
     kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
-    plan = _make_integration_plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
+    plan = _make_integration_plan(pair.constants, outputs, rates.keys() | R1_motion.keys(), kind)
     if not plan.outputs:
         return STATES[kind]({}, options.t.shape)
     S1 = None if kind is PLANAR_MOTION else quaternions_to_matrices(solution.orientations)
     inputs: dict[str, Any] = {
-        **point,
+        **R1_motion,
         "psi": solution.psi,
         **({"phi1": solution.orientations} if S1 is None else {"S1": S1}),
     }
-    for name in plan.inputs & _RATE_ARGUMENT_NAMES.keys():
-        values = rates[_RATE_ARGUMENT_NAMES[name]].values_at(options.t)
+    for name in plan.inputs & _RATE_ARGUMENT_BY_INPUT.keys():
+        values = rates[_RATE_ARGUMENT_BY_INPUT[name]].values_at(options.t)
         inputs[name] = (
-            rotate_to_world(S1, values) if options.body_axes and S1 is not None and values.ndim == 2 else values
+            rotate_to_world(S1, values)
+            if options.omega_in_body_axes and S1 is not None and values.ndim == 2
+            else values
         )
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
     return compute_state(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:
-    """Make the plan for the outputs: unless they are named, for all of body 2 that the inputs allow.
+    """Return the plan that computes the outputs; None means all outputs of body 2 that the arguments allow.
 
     Raises:
         ArgumentError: an unknown output, or one that needs an argument that is missing; names it.
@@ -258,7 +260,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
         {"S1", "phi1", "psi"}
         | pair.values.keys()
         | argument_names
-        | {name for name, argument in _RATE_ARGUMENT_NAMES.items() if argument in argument_names}
+        | {name for name, argument in _RATE_ARGUMENT_BY_INPUT.items() if argument in argument_names}
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
@@ -269,7 +271,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(plan((name,)).inputs - available):
-            expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
-            got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError(_RATE_ARGUMENT_NAMES.get(missing, "R1"), expected, got)
+            expected = f"{_R1_FORM_BY_INPUT.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _R1_FORM_BY_INPUT else None
+            raise ArgumentError(_RATE_ARGUMENT_BY_INPUT.get(missing, "R1"), expected, got)
     return plan(names)

@@ -30,7 +30,7 @@ _GAUSS2_NODE, _GAUSS3_NODE = 0.5 - _SQRT_3 / 6, 0.5 - _SQRT_15 / 10  # first of 
 
 
 def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Multiply quaternions: return the rotation q followed by the rotation p."""
+    """Return the product p q of quaternions (w, x, y, z): the rotation q followed by the rotation p."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -42,14 +42,14 @@ def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def quaternion_unit(q: Quaternion) -> Quaternion:
-    """Normalise a quaternion whose norm is nearly 1, by one Newton step for the inverse square root."""
+    """Return a quaternion of norm nearly 1 normalised, by one Newton step for the inverse square root."""
     w, x, y, z = q
     f = 1.5 - 0.5 * ((w * w + x * x) + (y * y + z * z))
     return w * f, x * f, y * f, z * f
 
 
 def quaternion_exp(Omega: Vector) -> Quaternion:
-    """Return the quaternion of a rotation vector of floats or traced values."""
+    """Return the unit quaternion of a rotation vector [rad] of floats or traced values."""
     square = 0.25 * dot(Omega, Omega)
     if square == 0:  # a float; a traced value never compares equal to 0
         return 1.0, *scale(Omega, 0.5)
@@ -85,7 +85,7 @@ def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]
 
 
 def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
-    """Return the Runge-Kutta step for q' = omega q / 2 from omega at start, middle and end, order 4.
+    """Return the quaternion of a Runge-Kutta step of q' = omega q / 2, from omega at start, middle, end; order 4.
 
     The step is linear in q, so it is a quaternion that multiplies q; its norm is 1 only approximately.
     """
@@ -119,14 +119,14 @@ def _two_exponential_rotation(*rates_and_length: Any) -> Quaternion:
 
 
 def _runge_kutta_rotation(*rates_and_length: Any) -> Quaternion:
-    """Return the normalised quaternion of a Runge-Kutta step."""
+    """Return the normalised quaternion of a Runge-Kutta step; arguments are those of `runge_kutta4`."""
     q = runge_kutta4(*rates_and_length)
     f = 1 / square_root((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return q[0] * f, q[1] * f, q[2] * f, q[3] * f
 
 
-class Rule(NamedTuple):
-    """One-step method that integrates from omega and psi' at its nodes alone."""
+class StepRule(NamedTuple):
+    """One-step integration method: nodes where it takes omega and psi', their weights, and a step's rotation."""
 
     name: str
     order: int  # the error of the integral goes as h^order
@@ -140,25 +140,25 @@ class Rule(NamedTuple):
         return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
 
 
-# One-step methods by name.
-RULES: Final = {
+# Rules of one-step methods by name.
+STEP_RULES: Final = {
     rule.name: rule
     for rule in (
-        Rule("magnus6", 6, (_GAUSS3_NODE, 0.5, 1 - _GAUSS3_NODE), (5, 8, 5), _exponential_of(magnus6)),
-        Rule("magnus4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _exponential_of(magnus4)),
-        Rule("cf4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _two_exponential_rotation),
-        Rule("midpoint", 2, (0.5,), (1,), _exponential_of(scale)),
-        Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _runge_kutta_rotation),
+        StepRule("magnus6", 6, (_GAUSS3_NODE, 0.5, 1 - _GAUSS3_NODE), (5, 8, 5), _exponential_of(magnus6)),
+        StepRule("magnus4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _exponential_of(magnus4)),
+        StepRule("cf4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _two_exponential_rotation),
+        StepRule("midpoint", 2, (0.5,), (1,), _exponential_of(scale)),
+        StepRule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _runge_kutta_rotation),
     )
 }
 
 
 @functools.cache
-def rotation_loop(rule: Rule) -> Loop:
-    """Return the loop that computes rotations q of steps from omega at the nodes and h, negative in body axes."""
+def rotation_loop(rule: StepRule) -> Loop:
+    """Return the `Loop` that computes the quaternions of steps from omega at their nodes and h (-h for body axes)."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the rotation of one step."""
+        """Return the quaternion q of one step, by name."""
         w = v["omega"]
         return {"q": rule.rotation(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
 
@@ -166,11 +166,11 @@ def rotation_loop(rule: Rule) -> Loop:
 
 
 @functools.cache
-def angle_loop(rule: Rule) -> Loop:
-    """Return the loop that integrates a rate over steps from its values at the nodes; sums of two doubles."""
+def angle_loop(rule: StepRule) -> Loop:
+    """Return the `Loop` that integrates a rate over steps from its values at their nodes, in sums of two doubles."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Integrate the rate over one step."""
+        """Return the integral of the rate over one step as a sum of two doubles, by name."""
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(pair_sum, weighted)
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total

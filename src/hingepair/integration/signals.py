@@ -26,9 +26,9 @@ from hingepair.numeric.arrays import real_array
 INTERPOLATION_POINTS: Final = 6
 """Samples that an interpolating polynomial goes through; its degree is one less."""
 
-_POSITION_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
+_R1_TUPLE_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
 
-_MAX_KERNEL_CALLS = 8  # runs of consecutive steps interpolated as slices, by a kernel call each; more share one call
+_MAX_SLICED_RUNS = 8  # runs of consecutive steps interpolated as slices, by a kernel call each; more share one call
 
 
 class ConstantSignal:
@@ -47,7 +47,7 @@ class ConstantSignal:
 
 
 class CallableSignal:
-    """Signal that a callable of an array of times computes; `name` is that of the argument, for messages."""
+    """Signal that a callable of an array of times computes; errors call it by the name of its argument."""
 
     def __init__(self, name: str, function: Callable[[Array], Any], value_shape: tuple[int, ...]) -> None:
         self.name = name
@@ -55,7 +55,7 @@ class CallableSignal:
         self.value_shape = value_shape
 
     def values_at(self, times: Array) -> Array:
-        """Evaluate the callable at times of any shape, which it gets as an array (n,).
+        """Return the callable's values at times of any shape; the callable gets the times as an array (n,).
 
         Raises:
             ShapeError, DtypeError: the callable does not return one value for each time.
@@ -74,12 +74,12 @@ class CallableSignal:
         return values.reshape(times.shape + self.value_shape)
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Evaluate the callable at the nodes start + node h of steps; shape (steps, nodes, ...)."""
+        """Return the callable's values at the nodes start + node h of steps; shape (steps, nodes, ...)."""
         return self.values_at(start[:, None] + h[:, None] * np.array(nodes))
 
 
 class SampledSignal:
-    """Values (N,) or (N, k) at the instants, interpolated between them by polynomials through the nearest samples.
+    """Signal of samples (N,) or (N, k) at instants, interpolated by polynomials through the nearest samples.
 
     Only differences of neighbouring instants enter, so that stamps since 1970 are not rounded again.
     """
@@ -95,7 +95,7 @@ class SampledSignal:
         return self.values
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Interpolate at the nodes of steps, each between two samples; shape (steps, nodes, ...)."""
+        """Return interpolated values at the nodes of steps, each between two samples; shape (steps, nodes, ...)."""
         count = min(INTERPOLATION_POINTS, len(self.t))
         first = int(np.searchsorted(self.t, start[0]))
         if np.array_equal(self.t[first : first + len(start)], start):
@@ -107,28 +107,28 @@ class SampledSignal:
         values = np.empty((*offsets.shape, self._columns.shape[1]))
         loop = interpolation_loop(count, len(nodes), values.shape[2])
         t, columns = sliding_window_view(self.t, count), sliding_window_view(self._columns, count, axis=0)
-        for steps, rows in _consecutive_runs(lowest):
+        for steps, rows in _runs_of_consecutive_steps(lowest):
             x = (t[rows].T - start[steps]).T
             arguments = {"x": x, "values": columns[rows], "offsets": offsets[steps]}
             loop.run(arguments, {"values": values[steps]}, x.shape[:1], values.dtype, self.execution)
         return values.reshape(*offsets.shape, *self.values.shape[1:])
 
 
-def _consecutive_runs(lowest: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield steps and the rows of their samples: slices of consecutive steps, or all steps where these are many."""
-    stops = np.flatnonzero(np.diff(lowest, append=-1) != 1) + 1
-    if len(stops) > _MAX_KERNEL_CALLS:
-        yield slice(None), lowest
+def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
+    """Yield slices of steps with consecutive first samples, and rows of these; all steps at once if runs are many."""
+    stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
+    if len(stops) > _MAX_SLICED_RUNS:
+        yield slice(None), first_samples
     else:
         for first, stop in itertools.pairwise((0, *stops.tolist())):
-            yield slice(first, stop), slice(lowest[first], lowest[first] + stop - first)
+            yield slice(first, stop), slice(first_samples[first], first_samples[first] + stop - first)
 
 
 Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 
 
 def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution) -> Signal:
-    """Read an argument as a signal: a callable of t, a value of shape `value_shape`, or samples at the instants t.
+    """Return an argument as a signal: a callable of t, a constant of `value_shape`, or samples at the instants t.
 
     Raises:
         ShapeError, DtypeError: the value is none of these.
@@ -151,16 +151,16 @@ def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], e
     return ConstantSignal(array) if array.shape == value_shape else SampledSignal(t, array, execution)
 
 
-def pad_ambiguous_times(row: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return times (n,), with the last one repeated where n is the number of components of a value.
+def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
+    """Return times (n,), with the last one repeated if n is the number of components of a vector value.
 
     For n = 3 times, an array of vectors by rows, (n, 3), cannot be distinguished from one by columns, (3, n).
     """
-    return np.append(row, row[-1]) if row.shape == value_shape else row
+    return np.append(times, times[-1]) if times.shape == value_shape else times
 
 
 def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Call a user's function with a copy of times (n,), since it may work in place; return its result.
+    """Return the result of a user's function for times (n,), which it gets as a copy that it may change.
 
     Raises:
         ArgumentError: the callable fails as one for a single number does; names it.
@@ -176,8 +176,8 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
         raise ArgumentError(name, expected, f"{type(error).__name__}: {error}") from error
 
 
-def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArray[Any]]:
-    """Read R1 and, where they are known, v1 and a1; each of shape (size,) or (N, size).
+def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
+    """Return R1 and, where they are known, v1 and a1, by name; each of shape (dimension,) or (N, dimension).
 
     R1 is one point, which stays where it is; a point for each instant; a tuple (R1, v1) or (R1, v1, a1); or a
     callable of t that returns one of these.
@@ -188,28 +188,28 @@ def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArr
     name, times = "R1", t
     if callable(R1):
         times = np.append(
-            t, [t[-1]] * (len(_POSITION_NAMES) + 1 - len(t))
+            t, [t[-1]] * (len(_R1_TUPLE_NAMES) + 1 - len(t))
         )  # more instants than a tuple has parts or a point has coordinates
         name, R1 = "R1(t)", call_with_times("R1", R1, times)
-    if isinstance(R1, tuple) and len(R1) <= len(_POSITION_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
+    if isinstance(R1, tuple) and len(R1) <= len(_R1_TUPLE_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
         if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
-            expected = f"an array of shape {(len(t), size)}, or (R1, v1) with R1 of that shape"
+            expected = f"an array of shape {(len(t), dimension)}, or (R1, v1) with R1 of that shape"
             raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
-        names = _POSITION_NAMES[: len(R1)]
-        return {part: _points(f"{name}[{i}]", R1[i], t, times, size) for i, part in enumerate(names)}
+        names = _R1_TUPLE_NAMES[: len(R1)]
+        return {part: _read_points(f"{name}[{i}]", R1[i], t, times, dimension) for i, part in enumerate(names)}
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
-    point = _points(name, R1, t, times, size)
+    point = _read_points(name, R1, t, times, dimension)
     if point.ndim == 1:
-        return {"R1": point, "v1": np.zeros(size), "a1": np.zeros(size)}
+        return {"R1": point, "v1": np.zeros(dimension), "a1": np.zeros(dimension)}
     return {"R1": point}
 
 
-def _points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], size: int) -> NDArray[Any]:
-    """Read points of shape (size,) or (N, size) that belong to `times`, of which the first are the instants t."""
+def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
+    """Return points as an array, (dimension,) or (N, dimension); `times` begins with the N instants t."""
     points = real_array(name, value)
-    if points.shape not in {(size,), (len(times), size)}:
-        raise ShapeError(name, f"shape ({size},) or {(len(times), size)}", f"shape {points.shape}")
+    if points.shape not in {(dimension,), (len(times), dimension)}:
+        raise ShapeError(name, f"shape ({dimension},) or {(len(times), dimension)}", f"shape {points.shape}")
     return points if points.ndim == 1 else points[: len(t)]
 
 
@@ -220,13 +220,13 @@ def _first_not_finite(values: Array) -> int:
 
 
 @functools.cache
-def interpolation_loop(points: int, nodes: int, columns: int) -> Loop:
-    """Return the loop that interpolates samples at nodes by Lagrange polynomials; values by columns first."""
+def interpolation_loop(sample_count: int, node_count: int, column_count: int) -> Loop:
+    """Return the `Loop` that evaluates, at the nodes of steps, Lagrange polynomials through samples of columns."""
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        """Interpolate the samples of one step at its nodes."""
+        """Return the values at the nodes of one step; offsets are the distances of the nodes from its start."""
         x = v["x"]
-        samples = [v["values"][points * k : points * (k + 1)] for k in range(columns)]
+        samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]
         scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]
         values = []
         for node in v["offsets"]:
@@ -237,5 +237,5 @@ def interpolation_loop(points: int, nodes: int, columns: int) -> Loop:
             values += [functools.reduce(operator.add, map(operator.mul, weights, column)) for column in samples]
         return {"values": tuple(values)}
 
-    shapes = {"x": (points,), "values": (columns, points), "offsets": (nodes,)}
-    return Loop("interpolation", interpolate, shapes, {"values": (nodes, columns)})
+    shapes = {"x": (sample_count,), "values": (column_count, sample_count), "offsets": (node_count,)}
+    return Loop("interpolation", interpolate, shapes, {"values": (node_count, column_count)})

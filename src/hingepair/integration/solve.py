@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyEr
 from hingepair.integration.error_estimate import estimate_error
 from hingepair.integration.euler_angles import euler_to_quaternions, integrate_euler_angles
 from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Integral
-from hingepair.integration.methods import RULES, quaternion_product
+from hingepair.integration.methods import STEP_RULES, quaternion_product
 from hingepair.integration.signals import SampledSignal, Signal
 from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
 from hingepair.integration.step_selection import MAX_STEPS, SelectedSteps, select_steps
@@ -25,32 +25,32 @@ from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
-METHODS: Final = (*RULES, "euler_angles", "dop853")
-"""Names of the methods."""
+METHOD_NAMES: Final = (*STEP_RULES, "euler_angles", "dop853")
+"""Names of the methods of integration."""
 
-MAX_EVALUATIONS: Final = 1_000_000
+MAX_SCIPY_EVALUATIONS: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
-_REFERENCE_RULE = RULES["magnus6"]  # that other methods are compared with
+_REFERENCE_RULE = STEP_RULES["magnus6"]  # that other methods are compared with
 _REFERENCE_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
-_MAX_LOCK_STEPS = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
+_MAX_GIMBAL_LOCK_STEPS = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
 _DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
 class SolveOptions(NamedTuple):
-    """Options of a solver: instants, method, tolerance [rad], execution, axes of omega, names of the rates."""
+    """Options of a solver: instants, method, tolerance [rad], execution, axes of omega, and names of the rates."""
 
     t: Array  # instants [s]
-    method: str  # one of METHODS; in the plane, of RULES
+    method: str  # one of METHOD_NAMES; in the plane, of STEP_RULES
     tol: float | None  # largest error [rad]; None: one step for each interval
     execution: Execution
-    body_axes: bool  # whether omega is in body axes
+    omega_in_body_axes: bool
     rate_names: tuple[str, str] = ("omega1", "psid")  # names of the rates in errors
 
 
 class Solution(NamedTuple):
-    """Solution at the instants, with estimates of its error at the worst of them [rad]."""
+    """Attitudes or angles of body 1 and hinge angles at the instants, with estimates of their errors [rad]."""
 
     orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
     psi: Array  # hinge angles [rad]; shape (N,)
@@ -64,7 +64,7 @@ class Solution(NamedTuple):
         return float(np.maximum(self.error(), self.psi_error()))
 
     def check_tolerance(self, options: SolveOptions) -> None:
-        """Refuse a tolerance that was not reached.
+        """Check that the error estimates are not above the tolerance of the options.
 
         Raises:
             ArgumentError: the tolerance was not reached; names the error of each rate.
@@ -80,7 +80,7 @@ class Solution(NamedTuple):
 
 
 class _IntegratedValues(NamedTuple):
-    """Attitudes or angles at the instants, with an estimate of their error."""
+    """Quaternions or angles at the instants, with the number of steps and an estimate of their error."""
 
     values: Array  # quaternions (N, 4) or angles (N,)
     steps: int  # number of steps
@@ -88,7 +88,7 @@ class _IntegratedValues(NamedTuple):
 
 
 def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
-    """Solve E12 at the instants: attitudes of body 1 from `start`, angles in the plane, and hinge angles from psi_0.
+    """Return the solution of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -98,11 +98,11 @@ def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | flo
     if options.tol is not None and not finite_number("tol", options.tol) > 0:
         raise ArgumentError("tol", "a positive number", options.tol)
     is_planar = np.ndim(start) == 0
-    check_choice("method", options.method, tuple(RULES) if is_planar else METHODS)
-    rule = {"euler_angles": RULES["rk4_quaternion"], "dop853": _REFERENCE_RULE, **RULES}[options.method]
-    attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.body_axes)
+    check_choice("method", options.method, tuple(STEP_RULES) if is_planar else METHOD_NAMES)
+    rule = {"euler_angles": STEP_RULES["rk4_quaternion"], "dop853": _REFERENCE_RULE, **STEP_RULES}[options.method]
+    attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.omega_in_body_axes)
     hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution)
-    if options.method in RULES:
+    if options.method in STEP_RULES:
         body1_angle = AngleIntegral(options.rate_names[0], omega, rule, options.execution) if is_planar else attitude
         selected = select_steps((body1_angle, hinge), options.t, options.tol)
         orientation = _integrate(
@@ -133,7 +133,7 @@ def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | flo
 
 
 def _integrate(integral: Integral, start: Any, selected: SelectedSteps) -> _IntegratedValues:
-    """Integrate a rate over selected steps, with an estimate of the error."""
+    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error."""
     steps = selected.steps
     values, measured_errors = integral.integrate(steps, start), selected.measured_errors.get(integral)
     error = LazyValue(lambda: min(estimate_error(integral, steps, values, measured_errors), integral.max_error))
@@ -141,18 +141,23 @@ def _integrate(integral: Integral, start: Any, selected: SelectedSteps) -> _Inte
 
 
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Integrate Euler angles; all steps are halved until the error is small enough, or, for samples, stays.
+    """Return quaternions by Euler angles; halve all steps until the error is below the tolerance or stagnates.
 
-    With a tolerance they are also halved where they are too long to tell gimbal lock from a fast turn.
+    Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
+    gimbal lock from a fast turn.
     """
     steps, last_error = Steps(options.t), math.inf
     while True:
         try:
             phi = integrate_euler_angles(
-                attitude.rate, steps, options.execution, matrix_to_euler(S1_0), body=options.body_axes
+                attitude.rate,
+                steps,
+                options.execution,
+                matrix_to_euler(S1_0),
+                omega_in_body_axes=options.omega_in_body_axes,
             )
         except GimbalLockError:
-            if options.tol is None or 2 * steps.step_count > max(_MAX_LOCK_STEPS, 4 * (len(options.t) - 1)):
+            if options.tol is None or 2 * steps.step_count > max(_MAX_GIMBAL_LOCK_STEPS, 4 * (len(options.t) - 1)):
                 raise
         else:
             result = _with_reference_error(
@@ -170,7 +175,7 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
 
 
 def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853, in time since the first instant."""
+    """Return quaternions by SciPy's DOP853 of q' = omega q / 2 (in body axes q omega / 2), from time 0 at t[0]."""
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
@@ -182,14 +187,14 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
         """Return q' at a time since the first instant [s]."""
         nonlocal evaluations
         evaluations += 1
-        if evaluations > MAX_EVALUATIONS:
-            got = f"{MAX_EVALUATIONS:,} evaluations of omega1 until {time:.3g} s of {since[-1]:.3g} s"
+        if evaluations > MAX_SCIPY_EVALUATIONS:
+            got = f"{MAX_SCIPY_EVALUATIONS:,} evaluations of omega1 until {time:.3g} s of {since[-1]:.3g} s"
             raise ArgumentError("method", "'magnus6' for a motion so long or fast that 'dop853' takes minutes", got)
         k = int(np.searchsorted(since, time, side="right")) - 1
         omega = attitude.rate.values_at_nodes(t[k : k + 1], np.array([time - since[k]]), (1.0,))[0, 0]
         w = (0.0, *(0.5 * omega).tolist())
         p = tuple(q.tolist())
-        return quaternion_product(p, w) if options.body_axes else quaternion_product(w, p)
+        return quaternion_product(p, w) if options.omega_in_body_axes else quaternion_product(w, p)
 
     rows = start[None]
     if len(t) > 1:
@@ -201,15 +206,15 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
 
 
 def _with_reference_error(
-    attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, steps: int
+    attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, step_count: int
 ) -> _IntegratedValues:
-    """Estimate the error of quaternions (N, 4) by their angles from a solution of small tolerance."""
+    """Return quaternions (N, 4) with an error estimate: their largest angle from a solution of small tolerance."""
 
     def error() -> float:
-        """Return the largest angle from the reference solution, and its own error [rad]."""
+        """Return the largest angle from the reference solution plus that solution's error [rad]."""
         reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_TOLERANCE))
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
         angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return min(float(angles.max()) + reference.error(), math.pi)
 
-    return _IntegratedValues(quats, steps, LazyValue(error))
+    return _IntegratedValues(quats, step_count, LazyValue(error))

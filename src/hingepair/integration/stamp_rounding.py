@@ -20,22 +20,23 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
-_WINDOW_SAMPLES: Final = 11
+_SAMPLES_PER_WINDOW: Final = 11
 """Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
 
-_MAX_WINDOWS = 2048  # windows of samples that are measured, spread over the time
+_MAX_ROUGHNESS_WINDOWS = 2048  # windows of samples that are measured, spread over the time
 _MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
-_MIN_GRID_RATIO = 8.0  # times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident
-_UNIFORM_DEVIATION = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
+# Times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident.
+_MIN_GRID_TO_DOUBLE_RATIO = 8.0
+_GRID_ROUNDING_STD = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
 _ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
     0.8,
     1.642,
 )  # that quantile of a squared normal variable; kinks lie in fewer windows
-_MIN_ROUGHNESS_RATIO = 4.0  # times the roughness by the rounding of values: a larger one has another cause
+_MIN_ROUGHNESS_TO_NOISE_RATIO = 4.0  # times the roughness by the rounding of values: a larger one has another cause
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
-    """Return the standard deviations of the stamps of samples from the true instants [s]; shape (N,).
+    """Return the standard deviations of samples' time stamps from the true instants [s]; shape (N,).
 
     They are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
     roughness of the values relative to what this rounding would cause; of the grid where they are largest, and of the
@@ -45,21 +46,21 @@ def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
         signals: samples at the same instants.
     """
     t = signals[0].t
-    if len(t) <= _WINDOW_SAMPLES:
-        return _UNIFORM_DEVIATION * np.spacing(np.abs(t))
+    if len(t) <= _SAMPLES_PER_WINDOW:
+        return _GRID_ROUNDING_STD * np.spacing(np.abs(t))
     deviations = np.zeros(len(t))
     for grid in stamp_grids(t):
         parts = [
             part
-            for part in (_relative_roughness(signal, _UNIFORM_DEVIATION * grid) for signal in signals)
+            for part in (_relative_roughness(signal, _GRID_ROUNDING_STD * grid) for signal in signals)
             if part is not None
         ]
-        deviations = np.maximum(deviations, min(parts, default=0.0) * _UNIFORM_DEVIATION * grid)
+        deviations = np.maximum(deviations, min(parts, default=0.0) * _GRID_ROUNDING_STD * grid)
     return deviations
 
 
 def stamp_error(samples: SampledSignal, deviations: Array) -> float:
-    """Return the error of an integral over samples by deviations of the stamps (N,) from the true instants [rad].
+    """Return the error [rad] of an integral over samples that the standard deviations (N,) of their stamps cause.
 
     Where the stamp of an instant has an error, the integral has an error of the rate times it; the changes of the
     rate times the errors of the stamps before add a random walk.
@@ -70,7 +71,7 @@ def stamp_error(samples: SampledSignal, deviations: Array) -> float:
 
 
 def stamp_grids(t: Array) -> list[Array]:
-    """Return the spacings [s] of each grid that all stamps lie on, at each stamp; shape (N,) each.
+    """Return the grids that all time stamps lie on (double, single, decimal), each as its spacings at the stamps [s].
 
     >>> [float(grid[0]) for grid in stamp_grids(np.array([0.013, 0.031]))]
     [1.734723475976807e-18, 0.001]
@@ -84,7 +85,7 @@ def stamp_grids(t: Array) -> list[Array]:
         grids.append(np.spacing(singles).astype(np.float64))
     for unit in 10.0 ** np.arange(_MAX_STAMP_DECIMALS + 1):
         if (
-            1 / unit > _MIN_GRID_RATIO * doubles.max()
+            1 / unit > _MIN_GRID_TO_DOUBLE_RATIO * doubles.max()
             and (np.abs(np.round(size * unit) / unit - size) <= doubles).all()
         ):
             grids.append(np.full(len(t), 1 / unit))
@@ -93,17 +94,17 @@ def stamp_grids(t: Array) -> list[Array]:
 
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
-    """Return the roughness of values relative to what deviations of stamps would cause; None if not measurable."""
+    """Return the roughness of values over that which deviations of stamps would cause; None if not measurable."""
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
-    window_starts = np.unique(np.linspace(0, len(t) - _WINDOW_SAMPLES, _MAX_WINDOWS).astype(np.intp))
-    windows = window_starts[:, None] + np.arange(_WINDOW_SAMPLES)
+    window_starts = np.unique(np.linspace(0, len(t) - _SAMPLES_PER_WINDOW, _MAX_ROUGHNESS_WINDOWS).astype(np.intp))
+    windows = window_starts[:, None] + np.arange(_SAMPLES_PER_WINDOW)
     steps = np.diff(t[windows], axis=1)
     uneven = np.ptp(steps, axis=1) > deviations[windows].max(axis=1)
     if not uneven.any():
         return None
     windows = windows[uneven]
     x = (t[windows] - t[windows[:, :1]]) / (t[windows[:, -1:]] - t[windows[:, :1]])
-    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_WINDOW_SAMPLES)).prod(axis=2)
+    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_SAMPLES_PER_WINDOW)).prod(axis=2)
     roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
     stamp_noise = row_norms(slopes) * deviations
@@ -111,7 +112,7 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
     roughness_by_stamps, roughness_by_values = (
         ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
     )
-    measurable = roughness_by_stamps > _MIN_ROUGHNESS_RATIO**2 * roughness_by_values
+    measurable = roughness_by_stamps > _MIN_ROUGHNESS_TO_NOISE_RATIO**2 * roughness_by_values
     if not measurable.any():
         return None
     roughness, roughness_by_stamps, roughness_by_values = (
@@ -119,5 +120,7 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
         roughness_by_stamps[measurable],
         roughness_by_values[measurable],
     )
-    ratios = np.where(roughness > _MIN_ROUGHNESS_RATIO**2 * roughness_by_values, roughness / roughness_by_stamps, 0.0)
+    ratios = np.where(
+        roughness > _MIN_ROUGHNESS_TO_NOISE_RATIO**2 * roughness_by_values, roughness / roughness_by_stamps, 0.0
+    )
     return min(1.0, math.sqrt(float(np.quantile(ratios, _ROUGHNESS_QUANTILE)) / _CHI_SQUARED_QUANTILE))

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.integration.error_estimate import (
-    MeasuredSteps,
     StepErrors,
+    StepSample,
     accumulate_errors,
-    choose_measured_steps,
+    choose_step_sample,
     concatenate_errors,
     count_even_steps,
     measure_step_errors,
@@ -37,34 +37,36 @@ from hingepair.numeric.arrays import Float64Array as Array
 MAX_STEPS: Final = 2_000_000
 """Largest number of steps for any tolerance; where it is too small, the estimate of the error says so."""
 
-MIN_STEPS: Final = 16
+MIN_INITIAL_STEPS: Final = 16
 """Even steps over the whole time that the selection begins with."""
 
 _MIN_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are left
-_SIZE_SUM_SHARE = 0.4  # of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors
+# Of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors.
+_ACCEPTED_SIZE_SUM_SHARE = 0.4
 _TARGET_SHARE, _ACCEPTED_SHARE = 0.6, 0.8  # of the tolerance: sum of errors that is aimed at, and that is accepted
-_MAX_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
-_MAX_ADDITIVE_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
+_TARGET_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
+_MAX_VECTOR_SUM_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
 _MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
-_MAX_PARTS = 16  # of a piece in one round
-_MAX_IRREGULAR_PARTS = 4  # of a piece in one round where errors do not fall by the rule's order
+_MAX_PARTS_OF_PIECE = 16  # of a piece in one round
+_MAX_PARTS_OF_IRREGULAR_PIECE = 4  # of a piece in one round where errors do not fall by the rule's order
 _MAX_NOISE_ERROR_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
 _STAGNATION_ROUNDS = 5  # rounds without progress after which a small sum of errors counts as noise
-_IRREGULAR_ERROR_FACTOR = 10.0  # by which an irregular error may be too small, since two quadratures agree by chance
+# By which an irregular error may be too small, since two quadratures agree by chance.
+_IRREGULAR_ERROR_SAFETY_FACTOR = 10.0
 _MAX_ERROR_SIZE = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
 class SelectedSteps(NamedTuple):
-    """Selected steps, and the errors that were measured for the selection."""
+    """Selected integration steps, and for each integral the errors that were measured on a sample of them."""
 
     steps: Steps
     # By integral; empty if none were measured.
-    measured_errors: Mapping[Integral, tuple[MeasuredSteps, StepErrors]] = MappingProxyType({})
+    measured_errors: Mapping[Integral, tuple[StepSample, StepErrors]] = MappingProxyType({})
 
 
 class _Pieces(NamedTuple):
-    """Steps so far: parts of the measured intervals."""
+    """Pieces into which the measured intervals are divided so far, with the measured errors of each."""
 
     interval: NDArray[np.intp]  # index of the measured interval that each is part of
     start: Array  # of each [s]
@@ -75,7 +77,7 @@ class _Pieces(NamedTuple):
     errors: tuple[StepErrors, ...]  # by integral
 
     def select(self, chosen: NDArray[Any]) -> _Pieces:
-        """Return some of the pieces, by index or by a mask."""
+        """Return some of the pieces, chosen by indices or a mask."""
         interval, start, stop, sizes, refined, regular = (column[chosen] for column in self[:-1])
         return _Pieces(
             interval, start, stop, sizes, refined, regular, tuple(errors.select(chosen) for errors in self.errors)
@@ -83,7 +85,7 @@ class _Pieces(NamedTuple):
 
 
 def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
-    """Merge pieces in the order of time."""
+    """Return the pieces of two groups in the order of time."""
     columns = zip(first[:-1], second[:-1], strict=True)
     interval, start, stop, sizes, refined, regular = (np.concatenate(pair) for pair in columns)
     errors = tuple(concatenate_errors(pair) for pair in zip(first.errors, second.errors, strict=True))
@@ -92,7 +94,7 @@ def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
 
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
-    """Select steps that keep the errors of integrals, except those of interpolation, below a tolerance.
+    """Return steps that keep the errors of integrals, except those of interpolation, below a tolerance.
 
     Args:
         integrals: the integrals, all by one rule.
@@ -103,11 +105,11 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
     duration, tol = t[-1] - t[0], max(tol, _MIN_TOLERANCE)
-    measured = choose_measured_steps(t, inexact[0].rule.order, [integral.rate for integral in inexact])
+    measured = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
     weights = measured.error_weights(0)  # ratios of times: errors of pieces are proportional to time
     start, stop = measured.ends
     intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
-    counts = count_even_steps(stop - start, duration, MIN_STEPS)
+    counts = count_even_steps(stop - start, duration, MIN_INITIAL_STEPS)
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
     totals, piece_counts = list[float](), list[int]()
     while len(totals) < _MAX_DIVISION_ROUNDS:
@@ -130,27 +132,27 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
 
 
 def _next_part_counts(
-    integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces, piece_weights: Array, tol: float
+    integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
 ) -> NDArray[np.int64]:
-    """Return how many parts each piece is divided into next; all 1 where errors are small enough."""
-    order, sizes, target = integrals[0].rule.order, _cautious_sizes(pieces), _SIZE_SUM_SHARE * tol
+    """Return the number of parts into which each piece is divided next; all 1 if errors are small enough."""
+    order, sizes, target = integrals[0].rule.order, _cautious_sizes(pieces), _ACCEPTED_SIZE_SUM_SHARE * tol
     regular_sizes = np.where(pieces.is_regular, sizes, 0.0)
     total, regular = (float((part * piece_weights).sum()) for part in (sizes, regular_sizes))
     if not total > target:
         return np.ones(len(sizes), np.int64)
-    max_counts = np.where(pieces.is_regular, _MAX_PARTS, _MAX_IRREGULAR_PARTS)
+    max_counts = np.where(pieces.is_regular, _MAX_PARTS_OF_PIECE, _MAX_PARTS_OF_IRREGULAR_PIECE)
     counts, _ = _part_counts(sizes, piece_weights, max_counts, target, order)
     is_irregular = pieces.is_refined & ~pieces.is_regular
     if (
         0 < regular < _MIN_REGULAR_ERROR_SHARE * total
     ):  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
-    elif total < _MAX_ADDITIVE_ERROR:
+    elif total < _MAX_VECTOR_SUM_ERROR:
         accumulated = _PieceErrors(integrals, measured, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_SHARE * allowed:
             return np.ones(len(sizes), np.int64)
-        for _ in range(_MAX_BISECTIONS):
+        for _ in range(_TARGET_BISECTIONS):
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
             if (
@@ -160,7 +162,7 @@ def _next_part_counts(
                 target, counts = goal, candidate
             else:
                 total = goal
-    return np.where((counts > 1) & is_irregular, _MAX_IRREGULAR_PARTS, counts)
+    return np.where((counts > 1) & is_irregular, _MAX_PARTS_OF_IRREGULAR_PIECE, counts)
 
 
 def _divide_pieces(
@@ -169,7 +171,7 @@ def _divide_pieces(
     counts: NDArray[np.int64],
     duration: float,
 ) -> _Pieces:
-    """Divide pieces (interval, start, stop, sizes) into `counts` parts each, and measure the parts' errors."""
+    """Return the parts of pieces (interval, start, stop, sizes), divided into `counts` each, with measured errors."""
     (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
     errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
@@ -182,15 +184,17 @@ def _divide_pieces(
 def _cautious_sizes(pieces: _Pieces) -> Array:
     """Return sizes of errors, enlarged where they may be small by chance; 0 where no step can be shorter."""
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
-    return np.where(divisible, np.where(pieces.is_regular, pieces.sizes, _IRREGULAR_ERROR_FACTOR * pieces.sizes), 0.0)
+    return np.where(
+        divisible, np.where(pieces.is_regular, pieces.sizes, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes), 0.0
+    )
 
 
 class _PieceErrors:
-    """Errors of pieces in axes in which they add up, for each integral."""
+    """Errors of pieces for each integral, rotated to the axes of the first instant, where they add up."""
 
-    def __init__(self, integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces) -> None:
+    def __init__(self, integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces) -> None:
         self.order = integrals[0].rule.order
-        self.uncertain = np.where(pieces.is_regular, 0.0, _IRREGULAR_ERROR_FACTOR * pieces.sizes)
+        self.uncertain = np.where(pieces.is_regular, 0.0, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes)
         steps, measured_errors = _assemble_steps(integrals, measured, pieces)
         values = {integral: integral.integrate(steps, integral.default_start) for integral in integrals}
         self.by_integral = [accumulate_errors(one, steps, values[one], *measured_errors[one]) for one in integrals]
@@ -206,8 +210,8 @@ class _PieceErrors:
         return max(chance, *(errors.largest_sum(factors) for errors in self.by_integral))
 
 
-def _assemble_steps(integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces) -> SelectedSteps:
-    """Return the steps with the errors [rad] measured on them.
+def _assemble_steps(integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces) -> SelectedSteps:
+    """Return the steps that pieces and intervals without measurement become, with the errors [rad] of pieces.
 
     Pieces become steps; intervals that were not measured are divided like their neighbours.
     """
@@ -222,21 +226,21 @@ def _assemble_steps(integrals: Sequence[Integral], measured: MeasuredSteps, piec
         part_counts[measured.steps] = 1
         steps = steps.refine(np.append(pieces.start, subdivide(t[:-1], t[1:], part_counts).start))
         parts = np.searchsorted(steps.t, t[measured.parts])
-        measured = MeasuredSteps(steps.t, np.searchsorted(steps.t, pieces.start), parts)
+        measured = StepSample(steps.t, np.searchsorted(steps.t, pieces.start), parts)
     by_integral = {integral: (measured, errors) for integral, errors in zip(integrals, pieces.errors, strict=True)}
     return SelectedSteps(steps, by_integral)
 
 
 def _part_counts(
-    sizes: Array, weights: Array, max_counts: NDArray[np.int64], goal: float, order: int
+    sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return into how many parts each piece is divided for a given sum of the sizes of errors.
+    """Return the numbers of parts of pieces for a given sum of error sizes: within limits, and without them.
 
     Args:
         sizes: sizes of the errors of pieces [rad].
         weights: number of pieces that each stands for.
         max_counts: largest numbers of parts.
-        goal: the sum of the sizes of the parts' errors [rad].
+        target_sum: the sum of the sizes of the parts' errors [rad].
         order: power of the length of steps by which errors fall.
 
     Returns:
@@ -244,13 +248,13 @@ def _part_counts(
         rounded.
     """
     shares = sizes ** (1 / (order + 1))
-    unlimited = ((shares * weights).sum() / goal) ** (1 / order) * shares
+    unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares
     limited = np.clip(unlimited, 1, max_counts)
     limited = np.maximum(limited * min(1.0, MAX_STEPS / (limited * weights).sum()), 1)
     counts = np.floor(limited)
     gain = sizes * (counts**-order - (counts + 1) ** -order)
     by_gain = np.argsort(-gain)
-    reached = np.cumsum((gain * weights)[by_gain]) > (sizes * counts**-order * weights).sum() - goal
+    reached = np.cumsum((gain * weights)[by_gain]) > (sizes * counts**-order * weights).sum() - target_sum
     within_limit = np.cumsum(weights[by_gain]) <= MAX_STEPS - (counts * weights).sum()
     one_more = np.append(True, ~reached[:-1]) & within_limit & (limited > counts)[by_gain]
     counts[by_gain[one_more]] += 1

@@ -1,8 +1,8 @@
 """Steps in chunks, and prefix scans over them: from steps to attitudes and angles at the instants (E12).
 
 omega does not depend on the attitude, so the rotations of all steps are computed at once; the attitudes are their
-prefix products. A scan works by a tree: it multiplies groups of SCAN_RADIX neighbours one after the other, then the
-groups' products in the same way, and hands those down to the groups' members. A small rotation is rounded in
+prefix products. A scan works by a tree: it multiplies groups of SCAN_GROUP_SIZE neighbours one after the other, then
+the groups' products in the same way, and hands those down to the groups' members. A small rotation is rounded in
 proportion to its angle, and the tree multiplies small ones by small ones: only the last few levels round at the size
 of 1, as often as the whole motion has radians, where a running product rounds at each of k steps. psi is summed in
 sums of two doubles.
@@ -25,17 +25,17 @@ from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
 
-CHUNK_STEPS: Final = 16384
+STEPS_PER_CHUNK: Final = 16384
 """Steps that are computed at a time: 1.2 MB of omega at three nodes."""
 
-SCAN_RADIX: Final = 16
+SCAN_GROUP_SIZE: Final = 16
 """Elements of a group of a prefix scan, which are combined one after the other."""
-MAX_SEQUENTIAL_ITEMS: Final = 64
+MAX_SEQUENTIAL_SCAN_ELEMENTS: Final = 64
 """Elements that a scan combines one after the other as Python floats, without groups."""
 
 
 class Steps(NamedTuple):
-    """Steps of integration, one from each of these times to the next."""
+    """Steps of integration between consecutive times, and which of the times are instants of the result."""
 
     t: Array  # shape (steps + 1,)
     instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all
@@ -55,9 +55,10 @@ class Steps(NamedTuple):
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
     def chunks(self) -> Iterator[tuple[int, int]]:
-        """Return the ranges (first, last) of chunks of at most CHUNK_STEPS steps."""
+        """Return an iterator over ranges (first, last) of at most STEPS_PER_CHUNK consecutive steps."""
         return (
-            (first, min(first + CHUNK_STEPS, self.step_count)) for first in range(0, self.step_count, CHUNK_STEPS)
+            (first, min(first + STEPS_PER_CHUNK, self.step_count))
+            for first in range(0, self.step_count, STEPS_PER_CHUNK)
         )
 
     def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
@@ -84,7 +85,7 @@ class Subdivision(NamedTuple):
 
 
 def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivision:
-    """Divide intervals into `counts` equal steps each; the end of a step is exactly the start of the next."""
+    """Return intervals divided into `counts` equal steps each; the end of a step is exactly the next one's start."""
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
     begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
@@ -94,7 +95,7 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan in place: all products of the first k elements, or sums, or another associative operation.
+    """Prefix scan in place: all products of the first k elements, under any associative operation.
 
     Args:
         name: of the operation, for the names of kernels.
@@ -136,12 +137,12 @@ class PrefixScan:
         self,
         steps: Steps,
         start: tuple[float, ...],
-        fill: Callable[[Array, HighLow, Array], None],
+        write_elements: Callable[[Array, HighLow, Array], None],
         execution: Execution,
     ) -> Array:
-        """Scan steps from a start; returns the results between steps, one row more than there are steps.
+        """Return the prefix products of a start and the steps' elements that `write_elements` writes; (steps + 1, k).
 
-        `fill` writes the elements of steps into rows, from their starts and lengths (as two doubles). Products of
+        `write_elements` takes starts, lengths (as two doubles) and the rows that it writes. Products of
         chunks are combined pairwise, so that no long part is combined with a much shorter one.
         """
         rows = np.empty((1 + _padded_length(steps.step_count), len(start)))
@@ -149,7 +150,7 @@ class PrefixScan:
         parts: list[tuple[int, tuple[float, ...]]] = []  # number of chunks, a power of two, and their product
         for first, last in steps.chunks():
             count, chunk = 1, rows[first + 1 : len(rows) if last == steps.step_count else last + 1]
-            fill(*steps.starts_and_lengths(first, last), chunk[: last - first])
+            write_elements(*steps.starts_and_lengths(first, last), chunk[: last - first])
             before = functools.reduce(lambda whole, part: self.combine(part[1], whole), parts, start)
             product = self.scan(chunk, before, execution)
             while parts and parts[-1][0] == count:
@@ -158,30 +159,30 @@ class PrefixScan:
         return rows[: steps.step_count + 1]
 
     def padded_buffer(self, count: int) -> Array:
-        """Allocate rows for `count` elements, padded with neutral ones to whole groups where they are many."""
+        """Return a buffer of rows for `count` elements, not filled but for neutral ones that complete groups."""
         rows = np.empty((_padded_length(count), len(self.neutral)))
         rows[count:] = self.neutral
         return rows
 
     def scan(self, rows: Array, start: tuple[float, ...], execution: Execution) -> Any:
-        """Scan rows of a `padded_buffer` in place after a start; returns their product without the start."""
-        if len(rows) <= MAX_SEQUENTIAL_ITEMS:
+        """Replace rows of a `padded_buffer` by their prefix products from a start; return the product without it."""
+        if len(rows) <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
             products = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
             rows[:] = [self.finish(self.combine(product, start)) for product in products]
             return products[-1]
-        groups = rows.reshape(-1, SCAN_RADIX, rows.shape[1])
-        self._run(self._scan_group, groups, np.broadcast_to(self.neutral, groups[:, 0].shape), execution)
+        groups = rows.reshape(-1, SCAN_GROUP_SIZE, rows.shape[1])
+        self._run_in_place(self._scan_group, groups, np.broadcast_to(self.neutral, groups[:, 0].shape), execution)
         ends = self.padded_buffer(len(groups))
         ends[: len(groups)] = groups[:, -1]
         whole = self.scan(ends, start, execution)
         before = np.concatenate([[start], ends[: len(groups) - 1]])
-        self._run(self._apply_prefix, groups, before[:, None], execution)
+        self._run_in_place(self._apply_prefix, groups, before[:, None], execution)
         return whole
 
-    def _run(self, loop: Loop, elements: Array, before: Array, execution: Execution) -> None:
-        """Run a loop over the elements in place, with the prefix products that precede them."""
+    def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
+        """Combine elements in place with the prefix products prefixes them, by a loop."""
         loop.run(
-            {"element": elements, "prefix": before},
+            {"element": elements, "prefix": prefixes},
             {"element": elements},
             elements.shape[:-1],
             FLOAT64_DTYPE,
@@ -191,7 +192,7 @@ class PrefixScan:
 
 def _padded_length(count: int) -> int:
     """Return the number of rows of a buffer for `count` elements: whole groups, unless they are few."""
-    return count if count <= MAX_SEQUENTIAL_ITEMS else -(-count // SCAN_RADIX) * SCAN_RADIX
+    return count if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS else -(-count // SCAN_GROUP_SIZE) * SCAN_GROUP_SIZE
 
 
 ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)

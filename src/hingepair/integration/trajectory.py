@@ -56,7 +56,7 @@ class LazyValue:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class _TrajectoryBase(Frozen, Result):
-    """Fields of every trajectory; attributes of its state are its own."""
+    """Base of trajectories: instants, psi, method, error estimates, and access to the attributes of the state."""
 
     __signature__ = (
         Signature()
@@ -204,7 +204,7 @@ def describe_instants(t: NDArray[np.float64]) -> str:
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert unit quaternions (N, 4), scalar first, to rotation matrices (N, 3, 3), orthonormal to 4 u."""
+    """Return the rotation matrices (N, 3, 3) of unit quaternions (N, 4), scalar first; orthonormal to 4 u."""
     parts = {"q": components_of(quat_wxyz)}
     return tabulate_one(
         lambda v: _orthonormalized(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64)
@@ -212,7 +212,7 @@ def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
-    """Return S + S (I - S^T S) / 2: S with rounding errors of lengths and right angles removed, not turned."""
+    """Return S + S (I - S^T S) / 2: a nearly orthonormal matrix S with its rounding errors removed."""
     x, y, z = S[0::3], S[1::3], S[2::3]
     a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
@@ -227,7 +227,7 @@ def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[n
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Make Euler angles (N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
+    """Return Euler angles (N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that

@@ -8,10 +8,10 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.backend import execution_of
-from hingepair.integration.integrate import FRAMES
-from hingepair.integration.methods import RULES
+from hingepair.integration.integrate import RATE_FRAME_NAMES
+from hingepair.integration.methods import STEP_RULES
 from hingepair.integration.signals import Signal
-from hingepair.integration.solve import METHODS, SolveOptions, solve
+from hingepair.integration.solve import METHOD_NAMES, SolveOptions, solve
 from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
@@ -41,8 +41,8 @@ def integrate_motion(
     `arrays` are R1, v1, omega1, psid at the instants, and a1, alpha1, psidd where these are known; `tol` is the error
     that is aimed at, refused where it is missed and the table asks for it; `notes` are functions and hint.
     """
-    body = not planar and table.choice("frame", FRAMES) == "body"
-    method = table.choice("method", tuple(RULES) if planar else METHODS)
+    body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
+    method = table.choice("method", tuple(STEP_RULES) if planar else METHOD_NAMES)
     options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
     with table.naming(**_KEY_BY_RATE_ARGUMENT):

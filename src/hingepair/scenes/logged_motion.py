@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import choices, nearest
-from hingepair.integration.integrate import FRAMES
+from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.smooth import smooth
@@ -151,7 +151,7 @@ def _velocity_frame(table: Table, log: Log) -> str:
     if rates and "frame" not in table.values:
         axes = 'those of body 1, as a gyroscope has them, or "world", as hingepair writes them'
         table.fail("frame", f'the axes of {rates[0].partition("_")[0]} in the log: "body", {axes}')
-    return table.choice("frame", FRAMES)
+    return table.choice("frame", RATE_FRAME_NAMES)
 
 
 class Log(NamedSource):
