@@ -92,7 +92,7 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     first = table(tmp_path / "one.csv", t=stamps, **pose("", fast.R1, fast.S1))
     late = stamps[kept]
     second = table(tmp_path / "two.csv", t=late, **pose("", slow.R2[kept], slow.S2[kept]))
-    found = read_recording([first, second], gaps=0.1)
+    found = read_recording([first, second], max_gap=0.1)
     assert found.t.tolist() == late.tolist()  # every nanosecond
     assert np.abs(found.body1.R - fast.R1[kept]).max() < 1e-9
     assert hp.fit(found.body1, found.body2, t=found.t).ok
@@ -138,7 +138,7 @@ def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
 def test_an_encoder_is_a_column_that_is_named(tmp_path: Path) -> None:
     columns = both() | {"angle": np.where(np.arange(300) == 5, np.nan, MADE.psi)}
     path = table(tmp_path / "a.csv", **columns)
-    found = read_recording([path], ["ang*"], encoder="angle")
+    found = read_recording([path], ["ang*"], encoder_column="angle")
     assert np.isnan(found.encoder[5])
     assert np.nanmax(np.abs(found.encoder - MADE.psi)) == 0
     assert read_recording([path], ["angle"]).encoder is None
@@ -147,7 +147,7 @@ def test_an_encoder_is_a_column_that_is_named(tmp_path: Path) -> None:
         ("x1", "encoder: expected a column that is not t and not of a pose, got 'x1'"),
     ):
         with pytest.raises(hp.ArgumentError, match=words):
-            read_recording([path], ["angle"], encoder=name)
+            read_recording([path], ["angle"], encoder_column=name)
 
 
 def test_an_encoder_has_the_clock_of_body_1(tmp_path: Path) -> None:
@@ -157,18 +157,18 @@ def test_an_encoder_has_the_clock_of_body_1(tmp_path: Path) -> None:
     reading = {"enc": np.mod(made.psi, 2 * np.pi)}
     first = table(tmp_path / "one.csv", t=made.t, **pose("", made.R1, made.S1), **reading)
     second = table(tmp_path / "two.csv", t=made.t[kept] + 1e-3, **pose("", made.R2[kept], made.S2[kept]))
-    found = read_recording([first, second], gaps=0.1, encoder="enc")
+    found = read_recording([first, second], max_gap=0.1, encoder_column="enc")
     angle = np.interp(made.t[kept] + 1e-3, made.t, made.psi)
     turns_off = (found.encoder - angle) / (2 * np.pi)
     assert np.abs(turns_off - np.rint(turns_off[0])).max() < 1e-3
     with pytest.raises(hp.ArgumentError, match=r"the file of body 1, .* got 'enc' in .*one.csv"):
-        read_recording([second, first], encoder="enc")
+        read_recording([second, first], encoder_column="enc")
 
 
 def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
     names = np.array(["left knee"] * 300)
     path = table(tmp_path / "a.csv", **both(), marker_a=names, marker_b=names)
-    assert read_recording([path], ignore=["marker_*"]).body1.shape == (300,)
+    assert read_recording([path], ignored_columns=["marker_*"]).body1.shape == (300,)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: s
 def test_only_numbers_are_read(tmp_path: Path, name: str, kind: str) -> None:
     others = np.arange(300).astype("i8").astype(kind)
     path = saved(tmp_path / name, **both(), note=others)
-    assert read_recording([path], ignore=["note"]).body1.shape == (300,)  # nor is anything unpickled
+    assert read_recording([path], ignored_columns=["note"]).body1.shape == (300,)  # nor is anything unpickled
     with pytest.raises(hp.ArgumentError, match=f"{name}: x2: expected (real|a column of) numbers"):
         read_recording([saved(path, **both() | {"x2": others})])
 
@@ -233,7 +233,7 @@ def test_a_vector_of_no_concern_is_named_as_its_columns_are(tmp_path: Path) -> N
     path = saved(tmp_path / "a.npz", **both(), marker=MADE.R1)
     with pytest.raises(hp.ArgumentError, match="--ignore 'marker_x'"):
         read_recording([path])
-    assert read_recording([path], ignore=["marker_*"]).body1.shape == (300,)
+    assert read_recording([path], ignored_columns=["marker_*"]).body1.shape == (300,)
 
 
 def test_names_of_files_are_checked(tmp_path: Path) -> None:

@@ -1517,7 +1517,7 @@ FAULTS = {
     ),
     "a spring that MJCF holds slack at zero": Fault(
         "formats/model_writers.py",
-        '"springref": load.rest}',
+        '"springref": hinge_load.rest}',
         '"springref": 0.0}',
         "formats/test_dynamics_exports.py::test_mujoco_moves_the_model_as_the_scene_moves[fixed]",
     ),

@@ -21,7 +21,14 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
-from hingepair.formats.xml_text import BEYOND, add_element, add_joint, check_text, document, long_axis
+from hingepair.formats.xml_text import (
+    DEFAULT_URDF_LIMITS,
+    add_element,
+    add_urdf_joint,
+    axis_for_urdf,
+    check_xml_text,
+    document,
+)
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
@@ -35,15 +42,15 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
 """Names of the links and of the joints."""
 
-_NO_ROTATION = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
-_DRAWABLE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
-_LIFT = 2.0**-46
+_ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
+_DRAWABLE_LENGTH_RANGE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
+_RELATIVE_INERTIA_MARGIN = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
 """
 # Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
-_COMPILER = {
+_MJCF_COMPILER_ATTRIBUTES = {
     "angle": "radian",
     "autolimits": "true",
     "inertiafromgeom": "false",
@@ -61,27 +68,27 @@ def to_urdf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
 ) -> str:
-    """Return the pair as URDF text; equal pairs give equal texts.
+    """Return the pair or robot as URDF text; equal pairs give equal texts. Warn of what URDF cannot hold.
 
-    Of a `Mechanism` it has the links and joints, with masses, limits and the rules of joints that follow others; read
-    back, by Pinocchio too, q has the same order. A fixed or locked joint is a fixed joint; the links that it holds to
-    each other have one mass together. Shapes are not written, nor are inertias of rotors, of which a DynamicsWarning
-    tells.
+    The text of a `Mechanism` has its links and joints, with masses, limits and the rules of joints that follow
+    others. When the text is read again, also by Pinocchio, q has the same order. A fixed or locked joint is written
+    as a fixed joint; of the links that it joins, one has the mass of all. Shapes are not written, nor are inertias
+    of rotors; a DynamicsWarning names the joints that have rotors.
 
     The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
-    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has
-    any limit must say how strong and how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is
-    written, where it has no rate_limit velocity="100.0" (rad/s), which should stop nothing. Simulators refuse
-    principal moments that no rigid body has: those of a flat body are raised above their round-off, or above the
-    rounding that `Body` warned of.
+    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has any limit must state
+    limits of effort and velocity: where the pair has no torque_limit, effort="1000.0" (N m) is written, and where it
+    has no rate_limit, velocity="100.0" (rad/s), which should stop nothing. Simulators refuse principal moments of
+    inertia that no rigid body has: those of a flat body are raised above their round-off, or above the rounding that
+    `Body` warned of.
 
     Args:
         pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given. Or a robot.
         base: "free": body1 (of a robot the base) is the root, to be set free by the loader (Pinocchio: a free-flyer
             root joint); "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
         hinge_torque: what acts at the hinge of a pair, as in `simulate`: its damping and friction are written, and
-            its stops in place of the pair's limits. A `DynamicsWarning` lists what URDF has not.
+            its stops in place of the pair's limits. A `DynamicsWarning` lists what URDF cannot hold.
         body1: where body 1 of a pair stands, if the base is fixed: R and S; unless given, at the origin of `world`.
 
     Raises:
@@ -102,7 +109,7 @@ def to_urdf(
         return robot_to_urdf(pair, base)
     if body1 is not None and base != "fixed":
         raise ArgumentError("body1", f'None beside base="{base}", whose place is not in the model', quoted(body1))
-    load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
+    hinge_load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
     parts = _pair_parts(pair)
     robot = ET.Element("robot", {"name": pair.name})
     # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
@@ -115,21 +122,20 @@ def to_urdf(
         _add_urdf_link(robot, part)
     add_element(robot, "link", name=BODY2)
     if base != "free":
-        to_body1 = add_joint(robot, BASE, base, WORLD, BODY1)
+        to_body1 = add_urdf_joint(robot, BASE, base, WORLD, BODY1)
         if body1 is not None:
-            R, S = _standing(body1)
+            R, S = _checked_pose(body1)
             add_element(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
-    limits = load.stops or pair.limits
-    hinge = add_joint(robot, HINGE, "revolute" if limits else "continuous", BODY1, BODY2_AT_HINGE)
+    limits = hinge_load.stops or pair.limits
+    hinge = add_urdf_joint(robot, HINGE, "revolute" if limits else "continuous", BODY1, BODY2_AT_HINGE)
     add_element(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
-    add_element(hinge, "axis", xyz=long_axis(_axis2(pair)))
+    add_element(hinge, "axis", xyz=axis_for_urdf(_axis2(pair)))
     if limit := _limit_attributes(pair, limits):
         add_element(hinge, "limit", **limit)
-    if load.damping or load.friction:
-        add_element(hinge, "dynamics", damping=load.damping, friction=load.friction)
-    add_element(
-        add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_NO_ROTATION
-    )
+    if hinge_load.damping or hinge_load.friction:
+        add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
+    to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2)
+    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW)
     return document(robot)
 
 
@@ -141,10 +147,11 @@ def to_mjcf(
     body1: BodyMotion | None = None,
     gravity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> str:
-    """Write the pair as MJCF text, MuJoCo's format: the same text for the same pair.
+    """Return the pair as text of MJCF, MuJoCo's format; equal pairs give equal texts. Warn of what MJCF cannot hold.
 
     The body `body1` has the frame (R1, S1); it carries `body2_at_hinge`, turned by the joint `hinge` at the hinge
-    point; in this, `body2` has the frame (R2, S2). qpos is (R1, quat_wxyz of S1, psi), qvel (v1, S1^T omega1, psi').
+    point; in this body, `body2` has the frame (R2, S2). qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1,
+    S1^T omega1, psi').
     Nothing collides.
 
     Args:
@@ -153,8 +160,8 @@ def to_mjcf(
         base: "free": body 1 has a free joint; "pinned": a ball joint at R1, and qpos is (quat_wxyz of the turn of
             body 1 from where it starts, psi); "fixed": it stands still, and qpos is (psi).
         hinge_torque: what acts at the hinge, as in `simulate`: its spring, damping and friction are written, and its
-            stops in place of the pair's limits; MuJoCo's own solver says how these give way. A `DynamicsWarning`
-            lists what MJCF has not.
+            stops in place of the pair's limits; how far these give way depends on MuJoCo's solver. A
+            `DynamicsWarning` lists what MJCF cannot hold.
         body1: where body 1 stands or starts: R and S; unless given, at the origin.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); none unless given.
 
@@ -171,57 +178,60 @@ def to_mjcf(
     '0.5 0.0 0.1'
     """
     check_choice("base", base, ("free", "pinned", "fixed"))
-    load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
-    one, two = _pair_parts(pair)
+    hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
+    part1, part2 = _pair_parts(pair)
     root = ET.Element("mujoco", {"model": pair.name})
-    add_element(root, "compiler", **_COMPILER)
+    add_element(root, "compiler", **_MJCF_COMPILER_ATTRIBUTES)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
-    place: dict[str, Any] = {}
+    pose: dict[str, Any] = {}
     if body1 is not None:
-        R, S = _standing(body1)
-        place = {"pos": R, "quat": matrix_to_quaternion(S)}
-    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1, **place)
+        R, S = _checked_pose(body1)
+        pose = {"pos": R, "quat": matrix_to_quaternion(S)}
+    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1, **pose)
     if base == "free":
         add_element(carrier, "freejoint", name=BASE)
     elif base == "pinned":
         add_element(carrier, "joint", name=BASE, type="ball")
-    _add_mjcf_body(carrier, one)
+    _add_mjcf_body(carrier, part1)
     quat_wxyz = matrix_to_quaternion(pair.home)
     at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
-    limits = load.stops or pair.limits
-    more: dict[str, Any] = {"range": limits} if limits else {}
+    limits = hinge_load.stops or pair.limits
+    joint_attributes: dict[str, Any] = {"range": limits} if limits else {}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
-        more["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
-    if load.stiffness:
-        more |= {"stiffness": load.stiffness, "springref": load.rest}
-    more |= {"damping": load.damping} if load.damping else {}
-    more |= {"frictionloss": load.friction} if load.friction else {}
-    add_element(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **more)
-    _add_mjcf_body(at_hinge, two)
+        joint_attributes["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
+    if hinge_load.stiffness:
+        joint_attributes |= {"stiffness": hinge_load.stiffness, "springref": hinge_load.rest}
+    joint_attributes |= {"damping": hinge_load.damping} if hinge_load.damping else {}
+    joint_attributes |= {"frictionloss": hinge_load.friction} if hinge_load.friction else {}
+    add_element(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **joint_attributes)
+    _add_mjcf_body(at_hinge, part2)
     add_element(at_hinge, "body", name=BODY2, pos=-pair.u2)
     return document(root)
 
 
-def _checked_load(kind: str, load: HingeLoad | None, held: tuple[str, ...]) -> HingeLoad:
-    """Return what acts at a hinge, and warn of everything in it that a format has no place for.
+def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
+    """Check the argument `hinge_torque`, and return it (for None a HingeLoad without effect). Warn of its fields that
+    are not written.
 
     Raises:
         ArgumentError: it is no HingeLoad.
     """
-    if load is None:
+    if hinge_torque is None:
         return HingeLoad()
-    if not isinstance(load, HingeLoad):
-        raise ArgumentError("hinge_torque", "a HingeLoad", quoted(load))
+    if not isinstance(hinge_torque, HingeLoad):
+        raise ArgumentError("hinge_torque", "a HingeLoad", quoted(hinge_torque))
     without = [
-        one.name for one in fields(HingeLoad) if one.name not in held and getattr(load, one.name) != one.default
+        one.name
+        for one in fields(HingeLoad)
+        if one.name not in written_fields and getattr(hinge_torque, one.name) != one.default
     ]
     if without:
-        warnings.warn(f"{kind} has no {', '.join(without)}: left out", DynamicsWarning, stacklevel=3)
-    return load
+        warnings.warn(f"{format_name} has no {', '.join(without)}: left out", DynamicsWarning, stacklevel=3)
+    return hinge_torque
 
 
-def _standing(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Return the place and the attitude that body 1 stands at.
+def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
+    """Check that the argument `body1` is a single pose; return its position R and its rotation S.
 
     Raises:
         ArgumentError: it is no single pose.
@@ -232,7 +242,8 @@ def _standing(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return the shapes of body 1 and body 2, each in its body's axes: the bodies' own, else simple drawn ones.
+    """Return the shapes that draw body 1 and body 2, each in its body's axes: their own, or simple ones where they
+    have none.
 
     A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
     sleeve (body 2) along the hinge axis.
@@ -244,16 +255,16 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
     check_pair(pair)
     check_one(pair)
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
-    size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
-    pin = Cylinder(_short(0.04 * size), _short(0.3 * size), pair.u1, pair.n)
-    sleeve = Cylinder(_short(0.06 * size), _short(0.15 * size), pair.u2, _axis2(pair))
+    size = reach if _DRAWABLE_LENGTH_RANGE[0] <= reach <= _DRAWABLE_LENGTH_RANGE[1] else 1.0
+    pin = Cylinder(_round_for_drawing(0.04 * size), _round_for_drawing(0.3 * size), pair.u1, pair.n)
+    sleeve = Cylinder(_round_for_drawing(0.06 * size), _round_for_drawing(0.15 * size), pair.u2, _axis2(pair))
     one = pair.body1.shapes if pair.body1 else ()
     two = pair.body2.shapes if pair.body2 else ()
-    return one or (*_arm(pair.u1, size), pin), two or (*_arm(pair.u2, size), sleeve)
+    return one or (*_arm_shapes(pair.u1, size), pin), two or (*_arm_shapes(pair.u2, size), sleeve)
 
 
-class _Part(NamedTuple):
-    """A body in the frame of its link: mass [kg], centre of mass [m], what is drawn, and its colour.
+class _ModelPart(NamedTuple):
+    """A body in the frame of its link: mass [kg], centre of mass [m], moments of inertia, shapes and colour.
 
     `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
     """
@@ -261,15 +272,17 @@ class _Part(NamedTuple):
     link: str
     colour: str
     mass: float
-    center: Float64Array
+    center_of_mass: Float64Array
     moments: tuple[float, ...]
     shapes: tuple[Shape, ...]
 
 
-def _pair_parts(pair: HingePair) -> tuple[_Part, _Part]:
-    """Return body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
+def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
+    """Return the parts of a model of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
+    point.
+    """
     one, two = drawn_shapes(pair)
-    check_text("name", pair.name)
+    check_xml_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
     return _make_model_part(BODY1, blue, pair.body1, one, np.zeros(3)), _make_model_part(
         BODY2_AT_HINGE, orange, pair.body2, two, pair.u2
@@ -277,13 +290,13 @@ def _pair_parts(pair: HingePair) -> tuple[_Part, _Part]:
 
 
 def _make_model_part(
-    link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], origin: Float64Array
-) -> _Part:
-    """Return one body as a URDF or MJCF link: its masses and shapes, moved to the link's origin."""
-    body = given or Body()
-    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
-    (xx, xy, xz), (_, yy, yz), (*_, zz) = _readable(body.inertia).tolist()
-    return _Part(link, colour, body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes)
+    link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
+) -> _ModelPart:
+    """Return one body as a part of a model: its masses and shapes, moved to the origin of its link."""
+    body = body_or_none or Body()
+    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = _raise_flat_inertia(body.inertia).tolist()
+    return _ModelPart(link, colour, body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes)
 
 
 def _axis2(pair: HingePair) -> Float64Array:
@@ -292,77 +305,84 @@ def _axis2(pair: HingePair) -> Float64Array:
     return axis
 
 
-def _readable(inertia: Float64Array) -> Float64Array:
-    """Return an inertia whose largest principal moment is below the sum of the others after rounding too; (3, 3).
+def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
+    """Return an inertia (3, 3), raised if needed until its largest principal moment is below the sum of the others by
+    a margin.
 
     That of a flat body is raised by the margin, and by what its moments, if they were given rounded, lack for it.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _LIFT * largest + largest - sum(smaller)
+    lift = _RELATIVE_INERTIA_MARGIN * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 
-def _arm(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """Return a box at the reference point, and a rod to the hinge unless the rod is too short to be seen."""
-    box = Box(np.full(3, _short(0.12 * size)))
+def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
+    """Return the shapes of a body that has none: a box at the reference point, and a rod to the hinge unless it is
+    too short to be seen.
+    """
+    box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
-    if not 0.01 * size < length < _DRAWABLE[1]:
+    if not 0.01 * size < length < _DRAWABLE_LENGTH_RANGE[1]:
         return (box,)
-    return box, Cylinder(_short(0.025 * size), length, u / 2, u)
+    return box, Cylinder(_round_for_drawing(0.025 * size), length, u / 2, u)
 
 
-def _short(length: float) -> float:
+def _round_for_drawing(length: float) -> float:
     """Return a length rounded to the two digits that a drawing needs."""
     return float(f"{length:.2g}")
 
 
 def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
-    """Return the attributes of URDF's `limit`: effort and velocity are always both written, where it is written."""
+    """Return the attributes of URDF's `limit` by name, with defaults for effort and velocity; none if the pair has no
+    limits.
+    """
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(given.values()) == {None}:
         return {}
     range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-    return range_ | {key: BEYOND[key] if value is None else value for key, value in given.items()}
+    return range_ | {key: DEFAULT_URDF_LIMITS[key] if value is None else value for key, value in given.items()}
 
 
-def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
-    """Add a link element to a URDF tree: the inertial element, and a visual element for each shape."""
+def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
+    """Add the link of a part to a URDF tree: its inertial element, and a visual element for each shape."""
     link = add_element(robot, "link", name=part.link)
     inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=part.center, rpy=_NO_ROTATION)
+    add_element(inertial, "origin", xyz=part.center_of_mass, rpy=_ZERO_ROLL_PITCH_YAW)
     add_element(inertial, "mass", value=part.mass)
     add_element(
         inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True))
     )
     for shape in part.shapes:
-        kind, sizes, rpy = _geometry(shape)
+        kind, sizes, rpy = _urdf_geometry(shape)
         visual = add_element(link, "visual")
         add_element(visual, "origin", xyz=shape.center, rpy=rpy)
         add_element(add_element(visual, "geometry"), kind, **sizes)
         add_element(visual, "material", name=f"{part.link}_paint")
 
 
-def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return kind, sizes and (roll, pitch, yaw) of a shape; a cylinder's angles turn URDF's z axis to its own."""
+def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
+    """Return kind, sizes and (roll, pitch, yaw) of a shape for URDF; a cylinder's angles turn URDF's z axis to its
+    own.
+    """
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):
         x, y, z = map(float, shape.axis)
         rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
         return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _NO_ROTATION
+    return "sphere", {"radius": shape.radius}, _ZERO_ROLL_PITCH_YAW
 
 
-def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
-    """Add the inertial element and a geom for each shape to a body element of an MJCF tree."""
-    add_element(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
+def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
+    """Add the inertial element of a part, and a geom for each of its shapes, to a body element of an MJCF tree."""
+    add_element(body, "inertial", pos=part.center_of_mass, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
-        add_element(body, "geom", **_geom(shape), pos=shape.center, **drawn)
+        add_element(body, "geom", **_mjcf_geometry(shape), pos=shape.center, **drawn)
 
 
-def _geom(shape: Shape) -> dict[str, Any]:
-    """Return type and size of a shape for MuJoCo, which takes half lengths from the centre."""
+def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
+    """Return type, size and direction of a shape for MuJoCo, by attribute; MuJoCo takes half lengths."""
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
         return {"type": "box", "size": shape.size / 2, **turn}

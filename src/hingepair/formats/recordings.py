@@ -37,16 +37,16 @@ from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
 # Columns that results have and a recording of poses does not need.
-_PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
+_UNNEEDED_COLUMN_PATTERN = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
 # Names, in small letters, that other recorders give the column t.
-_INSTANT_NAMES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
+_TIME_COLUMN_ALIASES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
 # Names, in small letters, that other recorders give the columns x, y, z, x1 and so on.
-_PLACE_NAME = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
+_POSITION_COLUMN_ALIAS_PATTERN = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
 
 
 class Recording(NamedTuple):
-    """Both bodies at the same instants, NaN where nothing was recorded."""
+    """Motions of two bodies at the same instants, NaN where nothing was recorded, and readings of an encoder."""
 
     body1: BodyMotion
     body2: BodyMotion
@@ -54,8 +54,8 @@ class Recording(NamedTuple):
     encoder: Float64Array | None  # readings at the instants of body 1; None where no column was named; shape (N,)
 
 
-class _Body(NamedTuple):
-    """One body, and where it was read."""
+class _RecordedBody(NamedTuple):
+    """Motion of one body with its own instants, and the file where it was read."""
 
     motion: BodyMotion
     t: NDArray[Any] | None
@@ -64,114 +64,124 @@ class _Body(NamedTuple):
 
 
 def read_recording(
-    paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05, encoder: str | None = None
+    paths: Sequence[Path],
+    ignored_columns: Sequence[str] = (),
+    max_gap: float = 0.05,
+    encoder_column: str | None = None,
 ) -> Recording:
-    """Read the poses of two bodies from one file, or from one file for each body.
+    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants.
 
     Bodies of different instants are brought to those of the slower recording.
 
     Args:
         paths: one file, or two.
-        ignore: columns to ignore; `*` stands for anything.
-        gaps: the longest time without a sample that is bridged [s].
-        encoder: column with the readings of an encoder, in the file of body 1, whose clock it has.
+        ignored_columns: columns to ignore; `*` stands for anything.
+        max_gap: the longest time without a sample that is bridged [s].
+        encoder_column: column with the readings of an encoder, in the file of body 1, whose clock it has.
 
     Raises:
         ArgumentError: a file or a column cannot be used; names both.
     """
     if not 1 <= len(paths) <= 2:
         raise ArgumentError("FILE", "one file, or two", f"{len(paths)}")
-    poses = {"t", *(name for digit in ("1", "2", "") for names in _all_names(digit) for name in names)}
-    if encoder in poses:
-        raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder))
-    bodies: dict[str, _Body] = {}
-    present: list[str] = []
+    poses = {"t", *(name for digit in ("1", "2", "") for names in _pose_column_names(digit) for name in names)}
+    if encoder_column in poses:
+        raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
+    bodies: dict[str, _RecordedBody] = {}
+    present_names: list[str] = []
     for place, path in enumerate(paths, start=1):
-        columns = _read_columns(path, ignore, encoder, present)
-        digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
+        columns = _read_columns(path, ignored_columns, encoder_column, present_names)
+        digits = [
+            digit
+            for digit in ("1", "2", "")
+            if any(_has_any_column(columns, names) for names in _position_column_names(digit))
+        ]
         if "1" in digits and "" in digits:
             digits.remove("")  # coordinates beside poses, as results are saved
         for digit in digits:
             name = digit or ("1" if len(paths) == 1 and "2" in digits else str(place))
             if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
-            reading = None if encoder is None else columns.get(encoder)
-            bodies[name] = _Body(_body_motion(path, columns, digit, name), columns.get("t"), path, reading)
+            reading = None if encoder_column is None else columns.get(encoder_column)
+            bodies[name] = _RecordedBody(_body_motion(path, columns, digit, name), columns.get("t"), path, reading)
     for name in ("1", "2"):
         if name not in bodies:
-            wanted = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
-            raise ArgumentError(", ".join(map(str, paths)), wanted, "none")
+            expected = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
+            raise ArgumentError(", ".join(map(str, paths)), expected, "none")
     first, second = bodies["1"], bodies["2"]
-    if encoder is not None and first.encoder is None:
-        wanted = f"a column of {first.path}, the file of body 1, whose clock the encoder has"
-        got = f"{encoder!r} in {second.path}" if second.encoder is not None else repr(encoder[:40])
-        near = "" if second.encoder is not None else nearest(encoder, sorted(set(present)))
-        raise ArgumentError("encoder", wanted + near, got)
+    if encoder_column is not None and first.encoder is None:
+        expected = f"a column of {first.path}, the file of body 1, whose clock the encoder has"
+        got = f"{encoder_column!r} in {second.path}" if second.encoder is not None else repr(encoder_column[:40])
+        near = "" if second.encoder is not None else nearest(encoder_column, sorted(set(present_names)))
+        raise ArgumentError("encoder", expected + near, got)
     if first.path == second.path:
         return Recording(first.motion, second.motion, first.t, first.encoder)
-    return _on_one_clock(first, second, gaps)
+    return _resample_to_one_clock(first, second, max_gap)
 
 
-def _on_one_clock(first: _Body, second: _Body, gaps: float) -> Recording:
-    """Return both bodies at the instants of the one with the longer steps."""
+def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
+    """Return both bodies at the instants of the one with the longer steps; raise an error if they overlap at less
+    than two instants.
+    """
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
         return Recording(first.motion, second.motion, t1, first.encoder)
     times = [increasing_seconds(f"{body.path}: t", t)[0] for body, t in ((first, t1), (second, t2))]
     steps = [float(np.median(np.diff(time))) for time in times]
     if steps[0] >= steps[1]:
-        recording = Recording(first.motion, resample(t2, second.motion, t1, gaps), t1, first.encoder)
+        recording = Recording(first.motion, resample(t2, second.motion, t1, max_gap), t1, first.encoder)
     else:
         reading = first.encoder
         if reading is not None:
-            reading = resample(t1, unwrap_if_wrapped(reading), t2, gaps)
-        recording = Recording(resample(t1, first.motion, t2, gaps), second.motion, t2, reading)
-    known = np.isfinite(recording.body1.R).all(axis=-1) & np.isfinite(recording.body2.R).all(axis=-1)
-    if known.sum() < 2:
+            reading = resample(t1, unwrap_if_wrapped(reading), t2, max_gap)
+        recording = Recording(resample(t1, first.motion, t2, max_gap), second.motion, t2, reading)
+    is_known = np.isfinite(recording.body1.R).all(axis=-1) & np.isfinite(recording.body2.R).all(axis=-1)
+    if is_known.sum() < 2:
         spans = [f"{time[-1]:.4g} s in steps of {step:.4g} s" for time, step in zip(times, steps, strict=True)]
-        wanted = "recordings of the same time, by one clock and in one unit"
-        raise ArgumentError(f"{first.path}: t, {second.path}: t", wanted, " and ".join(spans))
+        expected = "recordings of the same time, by one clock and in one unit"
+        raise ArgumentError(f"{first.path}: t, {second.path}: t", expected, " and ".join(spans))
     return recording
 
 
-def _body_instants(body: _Body) -> NDArray[Any]:
-    """Return the instants of a body that has a file of its own, or refuse a file without them."""
+def _body_instants(body: _RecordedBody) -> NDArray[Any]:
+    """Return the instants of a body that has a file of its own; raise an error if the file has none."""
     if body.t is None:
         raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
     return body.t
 
 
-def _places(digit: str) -> tuple[tuple[str, ...], ...]:
+def _position_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
     return tuple(f"R{digit}_{c}" for c in "xyz"), tuple(f"{c}{digit}" for c in "xyz")
 
 
-def _attitudes(digit: str) -> tuple[tuple[str, ...], ...]:
+def _attitude_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
     return tuple(f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), tuple(f"q{c}{digit}" for c in "xyzw")
 
 
-def _all_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    return (*_places(digit), *_attitudes(digit))
+def _pose_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
+    return (*_position_column_names(digit), *_attitude_column_names(digit))
 
 
-def _has(columns: Columns, names: tuple[str, ...]) -> bool:
+def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
     return any(name in columns for name in names)
 
 
-def _body_motion(path: Path, columns: Columns, digit: str, body: str) -> BodyMotion:
-    """Return the motion of a body; an attitude is NaN where a part of it is missing or its quaternion is 0.
+def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> BodyMotion:
+    """Return the poses of a body from columns with a suffix; an attitude is NaN where a part of it is missing or its
+    quaternion is 0.
 
     Body 2 without any column of an attitude is a point.
     """
-    R = _together(path, columns, _places(digit))
-    if not any(_has(columns, names) for names in _attitudes(digit)):
-        if body == "2":
+    R = _stack_columns(path, columns, _position_column_names(suffix))
+    if not any(_has_any_column(columns, names) for names in _attitude_column_names(suffix)):
+        if body_digit == "2":
             return BodyMotion(R=R)
-        wanted = (
-            f"columns of the attitude of body 1: S{digit}_xx, ..., S{digit}_zz or qx{digit}, qy{digit}, qz{digit}, "
-            f"qw{digit} (a body that is known by its position alone must be body 2)"
+        expected = (
+            f"columns of the attitude of body 1: S{suffix}_xx, ..., S{suffix}_zz or qx{suffix}, qy{suffix}, "
+            f"qz{suffix}, qw{suffix} (a body that is known by its position alone must be body 2)"
         )
-        raise ArgumentError(f"{path}", wanted, "none")
-    attitude = _together(path, columns, _attitudes(digit))
+        raise ArgumentError(f"{path}", expected, "none")
+    attitude = _stack_columns(path, columns, _attitude_column_names(suffix))
     attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
     if attitude.shape[1] == 9:
         S = attitude.reshape(-1, 3, 3)
@@ -182,63 +192,76 @@ def _body_motion(path: Path, columns: Columns, digit: str, body: str) -> BodyMot
     return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude)
 
 
-def _together(path: Path, columns: Columns, choices: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """Return the columns of the first choice of which any is present, stacked along the last axis."""
-    own = next((names for names in choices if _has(columns, names)), choices[-1])
-    for name in own:
+def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, ...], ...]) -> Float64Array:
+    """Return the columns of the first of some alternatives that is present, stacked along the last axis; all its
+    columns must be there.
+    """
+    names = next((names for names in alternatives if _has_any_column(columns, names)), alternatives[-1])
+    for name in names:
         if name not in columns:
-            raise ArgumentError(f"{path}: {name}", f"a column, beside {', '.join(_present(columns, own))}", "none")
-    return np.stack([columns[name] for name in own], axis=-1)
+            raise ArgumentError(
+                f"{path}: {name}", f"a column, beside {', '.join(_present_columns(columns, names))}", "none"
+            )
+    return np.stack([columns[name] for name in names], axis=-1)
 
 
-def _present(columns: Columns, names: Sequence[str]) -> list[str]:
+def _present_columns(columns: Columns, names: Sequence[str]) -> list[str]:
     return [name for name in names if name in columns]
 
 
-def _read_columns(path: Path, ignore: Sequence[str], encoder: str | None, present: list[str]) -> Columns:
-    """Return the columns that a recording is made of, by name; add the names of all columns to `present`."""
+def _read_columns(
+    path: Path, ignored_columns: Sequence[str], encoder_column: str | None, present_names: list[str]
+) -> Columns:
+    """Return the columns of a file that a recording needs, by name; add the names of all its columns to
+    `present_names`.
+    """
 
     def choose(names: list[str]) -> list[str]:
-        present.extend(names)
-        return _known_columns(names, ignore, encoder)
+        present_names.extend(names)
+        return _columns_to_read(names, ignored_columns, encoder_column)
 
     try:
-        columns = read_columns(path, ColumnRequest(choose, _names_of, exact="t"))
+        columns = read_columns(path, ColumnRequest(choose, _component_names, exact="t"))
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
         raise ArgumentError(name, error.expected, error.got) from None
     return columns
 
 
-def _names_of(name: str, tail: tuple[int, ...]) -> ArrayLike:
+def _component_names(name: str, tail: tuple[int, ...]) -> ArrayLike:
     return np.reshape(column_names({name: np.empty((1, *tail))}), tail) if tail in {(3,), (3, 3)} else name
 
 
-def _known_columns(names: Sequence[str], ignore: Sequence[str], encoder: str | None) -> list[str]:
-    """Return the columns to read; refuse a column that is unknown or comes twice."""
-    known = ["t", *(name for digit in ("1", "2", "") for own in _all_names(digit) for name in own)]
-    if encoder is not None:
-        known.append(encoder)
+def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
+    """Return the names of the columns to read; raise an error for a column that is unknown or comes twice."""
+    known_names = [
+        "t",
+        *(name for digit in ("1", "2", "") for pose_names in _pose_column_names(digit) for name in pose_names),
+    ]
+    if encoder_column is not None:
+        known_names.append(encoder_column)
     wanted = []
     for name in names:
-        if name != encoder and any(fnmatch.fnmatchcase(name, pattern) for pattern in ignore):
+        if name != encoder_column and any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored_columns):
             continue
-        if name in known:
+        if name in known_names:
             if name in wanted:
                 raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
-        elif not _PASSED_OVER.fullmatch(name):
+        elif not _UNNEEDED_COLUMN_PATTERN.fullmatch(name):
             short = repr(name[:40])
-            meant = _meant(name, known)
-            reads_angle = "" if meant or encoder is not None else f", --encoder {short} if it reads the hinge angle"
+            meant = _column_hint(name, known_names)
+            reads_angle = (
+                "" if meant or encoder_column is not None else f", --encoder {short} if it reads the hinge angle"
+            )
             expected = f"columns of poses{meant}{reads_angle}, or --ignore {short}"
             raise ArgumentError(short, expected, "an unknown column")
     return wanted
 
 
-def _meant(name: str, known: Sequence[str]) -> str:
-    """Return ` (nearest: t)` for a column `time`, and likewise for other names that recorders give."""
+def _column_hint(name: str, known_names: Sequence[str]) -> str:
+    """Return the end of a message on an unknown column: ` (nearest: t)` for `time`, empty where none is near."""
     lower = name.lower()
-    place = _PLACE_NAME.fullmatch(lower)
-    column = "t" if lower in _INSTANT_NAMES else "".join(place.groups()) if place else ""
-    return f" (nearest: {column})" if column in known else nearest(name, known)
+    position = _POSITION_COLUMN_ALIAS_PATTERN.fullmatch(lower)
+    column = "t" if lower in _TIME_COLUMN_ALIASES else "".join(position.groups()) if position else ""
+    return f" (nearest: {column})" if column in known_names else nearest(name, known_names)

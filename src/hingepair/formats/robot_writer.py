@@ -13,7 +13,14 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from hingepair.formats.xml_text import BEYOND, add_element, add_joint, check_text, document, long_axis
+from hingepair.formats.xml_text import (
+    DEFAULT_URDF_LIMITS,
+    add_element,
+    add_urdf_joint,
+    axis_for_urdf,
+    check_xml_text,
+    document,
+)
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
@@ -21,22 +28,22 @@ from hingepair.rotations.euler import matrix_to_euler
 
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a robot as URDF text, as `to_urdf` says.
+    """Return a robot as URDF text, with its links and joints; warn of rotor inertias, which URDF cannot hold.
 
     Raises:
         ArgumentError: a name holds a character that XML cannot.
     """
     tree = robot.tree
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
-        check_text("name", name)
+        check_xml_text("name", name)
     if geared := [joint.name for joint in tree.joints if joint.armature]:
         told = f"{tree.name}: URDF has no inertias of rotors; not written are the armatures of {', '.join(geared)}"
         warnings.warn(told, DynamicsWarning, stacklevel=3)
-    return document(_Writer(tree).robot(base))
+    return document(_UrdfWriter(tree).build(base))
 
 
-class _Writer:
-    """The elements of one robot.
+class _UrdfWriter:
+    """Builder of the URDF elements of one robot; it keeps the names that are in use.
 
     Args:
         tree: the robot.
@@ -48,8 +55,10 @@ class _Writer:
         self._links = {*tree.links, *tree.frames}
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
 
-    def robot(self, base: str) -> ET.Element:
-        """Return the element <robot>."""
+    def build(self, base: str) -> ET.Element:
+        """Return the element <robot> with all links and joints; unless the base is "free", a joint `base` joins it to
+        `world`.
+        """
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
         add_element(add_element(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
@@ -60,58 +69,64 @@ class _Writer:
             names = [joint.name for joint, _ in carried]
             for place, (joint, child) in enumerate(carried):
                 parent = seat if names == sorted(names) else self._add_carrier(root, seat, place, joint.name)
-                self._add_moving(root, joint, parent, child)
+                self._add_moving_joint(root, joint, parent, child)
         if base != "free":
-            world = _new(self._links, "world")
+            world = _unused_name(self._links, "world")
             add_element(root, "link", name=world)
-            add_joint(root, _new(self._joints, "base"), base, world, seats[0])
+            add_urdf_joint(root, _unused_name(self._joints, "base"), base, world, seats[0])
         return root
 
-    def _add_body(self, root: ET.Element, number: int, masses: MassProperties) -> str:
-        """Add the links of a body; return the name of the one at the joint's point, which has the mass."""
+    def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
+        """Add the links of a body, fixed to each other; return the name of the one at the joint's point, which has
+        the mass.
+        """
         tree = self._tree
-        links = {name: frame for name, frame in tree.links.items() if frame.body == number}
-        frames = {name: frame for name, frame in tree.frames.items() if frame.body == number}
+        links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
+        frames = {name: frame for name, frame in tree.frames.items() if frame.body == body_number}
         seat = next((name for name, frame in links.items() if _is_here(frame)), None)
         if seat is None:
-            seat = _new(self._links, f"{tree.joints[number - 1].name if number else 'base'}_at_joint")
-        own = add_element(root, "link", name=seat)
+            seat = _unused_name(
+                self._links, f"{tree.joints[body_number - 1].name if body_number else 'base'}_at_joint"
+            )
+        link = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
-            _add_inertial(own, masses)
+            _add_inertial(link, masses)
         for name, frame in links.items():
             held_by = next((joint for joint, other in frames.items() if _is_same_frame(frame, other)), None)
             frames.pop(held_by or "", None)
             if name != seat:
-                self._add_fixed(root, held_by or _new(self._joints, f"{name}_fixed"), seat, name, frame)
+                self._add_fixed_link(root, held_by or _unused_name(self._joints, f"{name}_fixed"), seat, name, frame)
         for name, frame in frames.items():
             if name not in tree.links:
-                self._add_fixed(root, _new(self._joints, f"{name}_frame"), seat, name, frame)
+                self._add_fixed_link(root, _unused_name(self._joints, f"{name}_frame"), seat, name, frame)
         return seat
 
-    def _add_fixed(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
-        """Add a link and the fixed joint that holds it."""
+    def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
+        """Add a link, and the fixed joint that holds it to its parent, to a URDF tree."""
         add_element(root, "link", name=link)
-        element = add_joint(root, joint, "fixed", parent, link)
+        element = add_urdf_joint(root, joint, "fixed", parent, link)
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
-    def _add_carrier(self, root: ET.Element, seat: str, place: int, joint: str) -> str:
-        """Add a link fixed to a body, and return its name; its joint's name sorts it by place among its siblings."""
-        held_by = _new(self._joints, f"{place:04d}_{joint}")
-        link = _new(self._links, f"{held_by}_carrier")
+    def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
+        """Add a link fixed to a body, and return its name; the name of its joint sorts it by `order` among its
+        siblings.
+        """
+        held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
+        link = _unused_name(self._links, f"{held_by}_carrier")
         add_element(root, "link", name=link)
-        add_joint(root, held_by, "fixed", seat, link)
+        add_urdf_joint(root, held_by, "fixed", parent_link, link)
         return link
 
-    def _add_moving(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
+    def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
         """Add the element of a joint that moves to a URDF tree: placement, axis and limits."""
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
-        element = add_joint(root, joint.name, kind, parent, child)
+        element = add_urdf_joint(root, joint.name, kind, parent, child)
         add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
-        add_element(element, "axis", xyz=long_axis(joint.n))
+        add_element(element, "axis", xyz=axis_for_urdf(joint.n))
         most = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
         if kind != "continuous" or np.isfinite(list(most.values())).any():
-            limit = {key: value if math.isfinite(value) else BEYOND[key] for key, value in most.items()}
+            limit = {key: value if math.isfinite(value) else DEFAULT_URDF_LIMITS[key] for key, value in most.items()}
             if bounded:  # an infinite one of the two is the largest number
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
             add_element(element, "limit", **limit)
@@ -137,8 +152,10 @@ def _is_same_frame(one: Frame, other: Frame) -> bool:
     return np.array_equal(one.R, other.R) and np.array_equal(one.S, other.S)
 
 
-def _new(known: set[str], name: str) -> str:
-    """Return the name, or the first with a number behind it that is not known; it is known from now on."""
-    found = next(one for one in (name, *(f"{name}_{i}" for i in range(2, len(known) + 3))) if one not in known)
-    known.add(found)
-    return found
+def _unused_name(used_names: set[str], name: str) -> str:
+    """Return a name, with a number appended if it is in use, and add it to the used names."""
+    unused = next(
+        one for one in (name, *(f"{name}_{i}" for i in range(2, len(used_names) + 3))) if one not in used_names
+    )
+    used_names.add(unused)
+    return unused

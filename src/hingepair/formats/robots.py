@@ -19,13 +19,13 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
-PACKAGE = "example-robot-data"  # the distribution that holds the robots' URDF files
+ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the robots' URDF files
 
 
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return a robot of example-robot-data.
+    """Return a robot of the package example-robot-data as a Mechanism.
 
     Args:
         name: the URDF's file stem, or `folder/stem` (`hingepair robots` lists them).
@@ -47,7 +47,7 @@ def load_robot(
 
 
 def load_robot_hinge(robot: str, joint: str) -> HingePair:
-    """Return one hinge of a robot of example-robot-data as a pair.
+    """Return one hinge of a robot of the package example-robot-data as a HingePair.
 
     Parent link is body 1, child link body 2; u1 and home are the joint's origin, u2 = 0.
 
@@ -74,7 +74,8 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the robots' names, sorted: the stem of the file where it is unique, else `folder/stem`.
+    """Return the names of all robots of example-robot-data, sorted: the file's stem where it is unique, else
+    `folder/stem`.
 
     Raises:
         MissingDependencyError: example-robot-data is not installed.
@@ -85,7 +86,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_urdf(robot: str) -> Path:
-    """Return the path of a robot's URDF file.
+    """Return the path of the URDF file of a robot of example-robot-data.
 
     Raises:
         ArgumentError: no such robot, or more than one.
@@ -95,16 +96,16 @@ def robot_urdf(robot: str) -> Path:
     'anymal.urdf'
     """
     files = _urdf_paths()
-    found = [name for name in files if robot in (name, _stem(name))]
-    if len(found) == 1:
-        return files[found[0]]
-    if found:
-        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
-    raise ArgumentError("robot", _robot_advice(str(robot)), quoted(robot))
+    matching_names = [name for name in files if robot in (name, _stem(name))]
+    if len(matching_names) == 1:
+        return files[matching_names[0]]
+    if matching_names:
+        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(matching_names)), quoted(robot))
+    raise ArgumentError("robot", _expected_robot_text(str(robot)), quoted(robot))
 
 
-def _robot_advice(robot: str) -> str:
-    """Return what an error says was expected: the number of robots, and the names nearest to the unknown one."""
+def _expected_robot_text(robot: str) -> str:
+    """Return the text of an error on an unknown robot: how many robots there are, and the nearest names."""
     import difflib
 
     names = robot_names()
@@ -112,7 +113,7 @@ def _robot_advice(robot: str) -> str:
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
     near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
     hint = f", such as {', '.join(near[:5])}" if near else " (hingepair robots lists them)"
-    return f"one of the {len(names)} robots of {PACKAGE}{hint}"
+    return f"one of the {len(names)} robots of {ROBOT_PACKAGE_NAME}{hint}"
 
 
 def _stem(name: str) -> str:
@@ -121,24 +122,24 @@ def _stem(name: str) -> str:
 
 @functools.cache
 def _urdf_paths() -> Mapping[str, Path]:
-    """Return the path of every URDF below robots/ of the installed package, by `folder/stem`.
+    """Return the paths of all URDF files of example-robot-data by `folder/stem`, read once.
 
     The package holds data only, and where its installer put them is for its own list of files to say.
     """
     import importlib.metadata
 
     try:
-        distribution = importlib.metadata.distribution(PACKAGE)
+        distribution = importlib.metadata.distribution(ROBOT_PACKAGE_NAME)
     except importlib.metadata.PackageNotFoundError:
         raise MissingDependencyError(
-            "robot", f"the package {PACKAGE} (pip install 'hingepair[robots]')", "none installed"
+            "robot", f"the package {ROBOT_PACKAGE_NAME} (pip install 'hingepair[robots]')", "none installed"
         ) from None
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for file in distribution.files or ():
         if file.suffix != ".urdf" or "robots" not in file.parts:
             continue
         inside = PurePosixPath(*file.parts[file.parts.index("robots") + 1 :])
-        found[f"{inside.parts[0]}/{inside.stem}"] = Path(str(distribution.locate_file(file)))
-    if not found:
-        raise MissingDependencyError("robot", f"{PACKAGE} with its robots", "none of its files listed")
-    return MappingProxyType(found)
+        paths[f"{inside.parts[0]}/{inside.stem}"] = Path(str(distribution.locate_file(file)))
+    if not paths:
+        raise MissingDependencyError("robot", f"{ROBOT_PACKAGE_NAME} with its robots", "none of its files listed")
+    return MappingProxyType(paths)

@@ -26,7 +26,7 @@ from hingepair.urdf.rigid import HERE, FramePose, combined
 def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
-    """Return one hinge of a URDF as a pair.
+    """Return one hinge of a URDF as a HingePair; warn of mass properties that no rigid body has.
 
     Args:
         path_or_text: a file's path, or the URDF itself (text that starts with "<").
@@ -67,18 +67,19 @@ def hinge_pair(
     name: str,
     warn: bool = False,
 ) -> HingePair:
-    """Return the pair of `from_urdf` from a robot that was read before; warnings point to the URDF's author.
+    """Return one hinge of a robot, which was read before, as a HingePair; `warn` tells of masses that no rigid body
+    has.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.
     """
     hinge = robot.hinge(joint)
-    poses1, poses2 = (_fixed_to(robot, hinge, link) for link in (hinge.parent, hinge.child))
+    poses1, poses2 = (_poses_of_fixed_links(robot, hinge, link) for link in (hinge.parent, hinge.child))
     if hinge.child in poses1:
         expected = "a parent and a child that are not fixed to each other"
         raise URDFError(f"joint {joint!r}", expected, f"{hinge.parent!r} and {hinge.child!r}")
-    frame1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
-    frame2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
+    frame1 = _pose_of_frame(poses1, hinge.parent, body1_frame, "body1_frame")
+    frame2 = _pose_of_frame(poses2, hinge.child, body2_frame, "body2_frame")
     home, u1 = frame1.seen(hinge.pose)
     return HingePair(
         u1=u1 + 0.0,
@@ -94,8 +95,8 @@ def hinge_pair(
     )
 
 
-def _fixed_to(robot: Robot, hinge: JointRecord, link: str) -> dict[str, FramePose]:
-    """Return rotation and origin of every link rigidly fixed to a hinge's link, in the axes of that link."""
+def _poses_of_fixed_links(robot: Robot, hinge: JointRecord, link: str) -> dict[str, FramePose]:
+    """Return the pose of every link that is rigidly fixed to a hinge's link, by name, in the axes of that link."""
     robot.check_link(link, hinge)
     poses = {link: HERE}
     waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
@@ -114,16 +115,19 @@ def _fixed_to(robot: Robot, hinge: JointRecord, link: str) -> dict[str, FramePos
     return poses
 
 
-def _chosen(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
-    """Return the pose of a frame on a link, of the link itself for None; refuse a frame that is not fixed to it."""
-    wanted = link if frame is None else frame
-    if not isinstance(wanted, str) or wanted not in poses:
+def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
+    """Return the pose of a frame, of the link itself for None; raise an error for a frame that is not fixed to the
+    link.
+    """
+    link_name = link if frame is None else frame
+    if not isinstance(link_name, str) or link_name not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
-    return poses[wanted]
+    return poses[link_name]
 
 
 def _combined_body(robot: Robot, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return the combined mass properties of links, in the frame in which their poses are given.
+    """Return links that are fixed to each other as one Body in the frame of their poses; None if no rigid body has
+    their masses.
 
     Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
     zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.

@@ -11,34 +11,36 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
 
-BEYOND = {"effort": 1000.0, "velocity": 100.0}
-"""What a joint of URDF with any limit must say, where it is not given: N m (N) and rad/s (m/s) that stop nothing."""
+DEFAULT_URDF_LIMITS = {"effort": 1000.0, "velocity": 100.0}
+"""Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
 
-_BLURRED_SIZES = (2.0**-53, 2.0**-39)  # second largest components of an axis that readers may take for zero
-_NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
+_SNAPPED_COMPONENT_RANGE = (2.0**-53, 2.0**-39)  # second largest components of an axis that readers may take for zero
+# Compiled when used, which takes milliseconds.
+_INVALID_XML_CHARACTER_PATTERN = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
-def check_text(argument: str, text: str) -> None:
-    """Refuse a text that XML cannot hold.
+def check_xml_text(argument: str, text: str) -> None:
+    """Raise an ArgumentError if a text holds a character that XML cannot hold.
 
     Raises:
-        ArgumentError: names the argument.
+        ArgumentError: there is such a character; the error names the argument.
     """
-    if re.search(_NOT_XML, text):
+    if re.search(_INVALID_XML_CHARACTER_PATTERN, text):
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
 
 
-def add_element(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
-    """Return a new child of an element, with attributes: texts, numbers and arrays of numbers.
+def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
+    """Add a child to an element of XML, and return the child. Its attributes are texts, numbers and arrays of
+    numbers.
 
     Numbers have all their digits (repr knows no locale), and no -0 a sign.
     """
     texts = {
         key: " ".join(repr(number + 0.0) for number in np.ravel(value).tolist())
-        for key, value in said.items()
+        for key, value in attributes.items()
         if not isinstance(value, str)
     }
-    return ET.SubElement(parent, tag, said | texts)
+    return ET.SubElement(parent, tag, attributes | texts)
 
 
 def document(root: ET.Element) -> str:
@@ -47,22 +49,22 @@ def document(root: ET.Element) -> str:
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Return a new joint of a URDF robot."""
+def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
+    """Add a joint with its parent and child links to a URDF robot, and return the joint's element."""
     joint = add_element(robot, "joint", name=name, type=kind)
     add_element(joint, "parent", link=parent)
     add_element(joint, "child", link=child)
     return joint
 
 
-def long_axis(axis: Float64Array) -> Float64Array:
-    """Return a unit axis, a hair too long where it is a hair off x, y or z.
+def axis_for_urdf(axis: Float64Array) -> Float64Array:
+    """Return a unit axis as URDF readers keep it: slightly longer where they would take it for x, y or z.
 
-    Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
+    Pinocchio takes an axis that is within 1e-12 of x for x, but normalises one that is longer by more than that.
     """
     return (
-        axis * (1 + 2 * _BLURRED_SIZES[1])
-        if _BLURRED_SIZES[0] < np.sort(np.abs(axis))[1] < _BLURRED_SIZES[1]
+        axis * (1 + 2 * _SNAPPED_COMPONENT_RANGE[1])
+        if _SNAPPED_COMPONENT_RANGE[0] < np.sort(np.abs(axis))[1] < _SNAPPED_COMPONENT_RANGE[1]
         else axis
     )
 
