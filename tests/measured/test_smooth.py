@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -269,7 +270,10 @@ def test_samples_that_were_filtered_before_are_warned_of(hertz: float) -> None:
 
     t = np.arange(2000) / 200
     raw = angle(t)[0] + 1e-3 * np.random.default_rng(0).standard_normal(2000)
-    with pytest.warns(hp.MeasurementWarning, match="as where samples were filtered before; what .noise and .std say"):
+    with pytest.warns(
+        hp.MeasurementWarning,
+        match="as where samples were filtered before; the noise and the standard deviations that are stated",
+    ):
         hp.smooth(t, filtfilt(*butter(2, hertz / 100), raw))
 
 
@@ -333,13 +337,39 @@ def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
     assert 0.5 < rms(z) < 1.6
 
 
+@pytest.mark.parametrize("digits", [17, 3])
+def test_a_motion_from_rest_without_noise_has_no_outliers(digits: int) -> None:
+    """Where the acceleration jumps the curve cannot follow; elsewhere next to nothing is left of the samples."""
+    t = np.arange(401) / 100
+    turned = np.maximum(t - 2, 0) ** 2
+    ramp = np.round(np.clip(t - 2, 0, 1), digits)
+    body = hp.BodyMotion(R=np.outer(turned, (1, 0, 0)), S=hp.rodrigues((0, 0, 1), turned))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hp.smooth(t, ramp)
+        hp.smooth(t, body)
+    assert not any("outliers" in str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("count", [60, 400])
+def test_a_single_outlier_is_warned_of(count: int, seed: int) -> None:
+    t = np.arange(count) / 100
+    raw = np.sin(3 * t) + 1e-3 * np.random.default_rng(seed).standard_normal(count)
+    raw[count // 3] += 0.1
+    with pytest.warns(hp.MeasurementWarning, match=r"angle: .* % of the samples are outliers"):
+        hp.smooth(t, raw)
+
+
 @pytest.mark.slow
 def test_outliers_are_warned_of_and_made_to_count_little() -> None:
     t = np.arange(2000) / 200
     psi, _, psidd = angle(t)
     rng = np.random.default_rng(2)
     raw = psi + 1e-3 * rng.standard_normal(2000) + 0.2 * (rng.random(2000) < 0.01)
-    with pytest.warns(hp.MeasurementWarning, match=r"% of the samples are outliers; loss=\"cauchy\""):
+    with pytest.warns(
+        hp.MeasurementWarning, match='angle: .* % of the samples are outliers and pull .* the loss "cauchy"'
+    ):
         plain = hp.smooth(t, raw)
     robust = hp.smooth(t, raw, loss="cauchy")
     assert rms(plain.psidd - psidd) > 0.3

@@ -38,6 +38,7 @@ _NUM_ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the s
 _DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
 # Names of a smoothed quantity and its derivatives.
 _DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_SAMPLE_KIND_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
 _MAX_RESIDUAL_CORRELATION = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
 _MAX_RELATIVE_ROUNDING_NOISE = 1e-11  # noise, in parts of the largest sample, that is rounding
 _MAX_DERIVATIVE_NOISE_RATIO = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
@@ -200,7 +201,7 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(f"body.{letter}", samples, parts[letter], loss)
+            sentences += _residual_suspicions(_SAMPLE_KIND_BY_LETTER[letter], samples, parts[letter], loss)
             rates += _DERIVATIVE_NAMES_BY_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
@@ -291,7 +292,10 @@ def _smooth_angle(
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, smoothed.values, strict=True)}
     noise = _noise_by_name(names, smoothed)
     if not _noise_is_rounding(psi, smoothed):
-        sentences = [*_residual_suspicions("body", psi, smoothed, loss), *_noise_suspicions(names[1:], arrays, noise)]
+        sentences = [
+            *_residual_suspicions("angle", psi, smoothed, loss),
+            *_noise_suspicions(names[1:], arrays, noise),
+        ]
         warn_of_measurements(sentences, stacklevel=4)
     return SmoothedAngle(
         **arrays,
@@ -330,7 +334,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
     correlated noise, or outliers. The list is empty where they show none of these.
     """
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
-    too_small = "what .noise and .std say is too small"
+    too_small = "the noise and the standard deviations that are stated are too small"
     sentences = []
     if smoothed.limited:
         sentences.append(
@@ -344,7 +348,8 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
         )
     if smoothed.outlying > 0 and loss is None and not smoothed.limited:
         share = f"{100 * smoothed.outlying:.2g} % of the samples are outliers"
-        sentences.append(f'{name}: {share}; loss="cauchy" makes them count little.')
+        remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'
+        sentences.append(f"{name}: {share} and pull the curve: {remedy}, by which they count little.")
     return sentences
 
 

@@ -59,6 +59,10 @@ _REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwh
 _ZERO_WEIGHT_SQUARED_RESIDUAL = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
 _LOSS_SCALE_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_MAX_RECORD_PARTS, _MIN_RECORD_PART_SAMPLES = 16, 16
+"""Parts of a record whose residuals are compared, and samples of each."""
+# Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
+_MIN_PART_SQUARE_RATIO = 1 / 30
 _MIN_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
 _NUM_CORRELATION_BANDS = 2  # by which neighbours that are correlated reach further
 _NUM_TRACE_PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
@@ -151,13 +155,20 @@ def smooth_columns(
         correlation=model.correlation,
         left=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
         limited=model.limited,
-        outlying=float(
-            np.mean(
-                squares
-                > _ZERO_WEIGHT_SQUARED_RESIDUAL / 2 * max(float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k], 1e-300)
-            )
-        ),
+        outlying=_outlier_share(squares, k),
     )
+
+
+def _outlier_share(squares: Float64Array, column_count: int) -> float:
+    """Return the part of the samples whose squared residuals (N,) are outliers. It is 0 where residuals are much
+    smaller in one part of the record than in most: then motion that the curve cannot follow makes the large ones.
+    """
+    typical = float(np.median(squares))
+    parts = np.array_split(squares, min(_MAX_RECORD_PARTS, max(1, squares.size // _MIN_RECORD_PART_SAMPLES)))
+    if min(float(np.median(part)) for part in parts) < _MIN_PART_SQUARE_RATIO * typical:
+        return 0.0
+    variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
+    return float(np.mean(squares > _ZERO_WEIGHT_SQUARED_RESIDUAL / 2 * variance))
 
 
 def _choose_model(
