@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.numeric.suspicions import angle_suspicions, distance_suspicions, instant_suspicions
+from hingepair.numeric.suspicions import (
+    accelerometer_suspicions,
+    angle_suspicions,
+    distance_suspicions,
+    gyroscope_suspicions,
+    instant_suspicions,
+)
 
 
 @pytest.mark.parametrize(
@@ -60,3 +66,18 @@ def test_bodies_far_apart_are_suspicious() -> None:
     ]
     assert distance_suspicions("R2 - R1", np.array([0.4, 0.6, 1e5])) == []
     assert distance_suspicions("R2 - R1", np.array([np.nan])) == []
+
+
+@pytest.mark.parametrize("gap", [np.nan, np.inf], ids=str)
+def test_readings_of_inertial_sensors_are_judged_by_the_finite_ones(gap: float) -> None:
+    """The largest rate counts, and the median force; a reading that is not finite is no reading."""
+    rates, forces = np.zeros((9, 3)), np.tile((0.0, 0.6, 0.8), (9, 1))
+    rates[0], forces[1] = (0.0, 30.0, -40.0), (0.0, 0.0, 90.0)
+    rates[2, 0] = forces[2, 0] = gap
+    (sentence,) = gyroscope_suspicions("omega1_b1", rates)
+    assert sentence.startswith("omega1_b1 comes to 50 rad/s: is it in rad/s?")
+    (sentence,) = accelerometer_suspicions("f1_b1", forces)
+    assert sentence.startswith("f1_b1 is of the size of 1 m/s^2: is it in m/s^2?")
+    assert gyroscope_suspicions("omega1_b1", 0.5 * rates) == accelerometer_suspicions("f1_b1", 9.81 * forces) == []
+    nothing = np.full((3, 3), gap)
+    assert gyroscope_suspicions("omega1_b1", nothing) == accelerometer_suspicions("f1_b1", nothing) == []

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, row_norms
 
 _MIN_RECORDING_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
 _MIN_SUSPICIOUS_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
@@ -74,6 +74,12 @@ def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
     return [f"{turns}: is it in radians? Degrees become radians by numpy.radians({name})."]
 
 
+def _finite_norms(vectors: Float64Array) -> Float64Array:
+    """Return the Euclidean norms of the vectors (N, 3) that are finite."""
+    norms = row_norms(vectors)
+    return norms[np.isfinite(norms)]
+
+
 def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
     """Return a list with one sentence where the readings of a gyroscope are probably in degrees a second and not in
     rad/s, judged by the largest; an empty list otherwise.
@@ -85,8 +91,7 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
     >>> gyroscope_suspicions("omega1_b1", np.array([[0.0, 90.0, 0.0]]))
     ['omega1_b1 comes to 90 rad/s: is it in rad/s? Degrees a second become rad/s by numpy.radians(omega1_b1).']
     """
-    sizes = np.sqrt((omega * omega).sum(axis=-1))
-    largest = float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
+    largest = float(_finite_norms(omega).max(initial=0.0))
     if largest <= _MAX_GYROSCOPE_RATE:
         return []
     size = f"{name} comes to {largest:.3g} rad/s"
@@ -104,8 +109,8 @@ def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
     >>> accelerometer_suspicions("f1_b1", np.array([[0.1, 0.0, 1.0]]))
     ['f1_b1 is of the size of 1 m/s^2: is it in m/s^2? Multiples of g become m/s^2 by 9.80665 * f1_b1.']
     """
-    sizes = np.sqrt((force * force).sum(axis=-1))
-    middle = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.0
+    norms = _finite_norms(force)
+    middle = float(np.median(norms)) if norms.size else 0.0
     if not _MIN_SUSPICIOUS_FORCE < middle < _MAX_SUSPICIOUS_FORCE:
         return []
     size = f"{name} is of the size of {middle:.2g} m/s^2"
