@@ -93,3 +93,46 @@ def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Pa
     (tmp_path / "file").touch()
     message = refused(capsys, monkeypatch, "excavator", tmp_path / "file" / "folder")
     assert message.startswith("hingepair: DIRECTORY: expected a directory that can be written, got ")
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("run", "talos_elbow"), "hingepair examples talos_elbow copies"),
+        (("run", "here/logged_arm.toml"), "hingepair examples logged_arm copies"),
+        (("run", "my_own.toml"), "hingepair examples lists and copies worked examples"),
+        (("sweep", "sweeps/landing_gear.toml"), "hingepair examples sweeps/landing_gear copies"),
+        (("check", "panda_reach"), "hingepair examples sweeps/panda_reach copies"),
+        (("urdf", "excavator.urdf", "boom"), "hingepair examples excavator copies"),
+        (("fit", "gyro_log.csv"), "hingepair examples gyro_log copies"),
+        (("robots", "excavator"), "hingepair examples excavator copies"),
+    ],
+)
+def test_a_file_that_is_not_there_leads_to_the_examples(
+    words: tuple[str, ...],
+    hint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["hingepair", *words])
+    with pytest.raises(SystemExit):
+        main()
+    (message,) = capsys.readouterr().err.splitlines()
+    assert message.startswith("hingepair: ")
+    assert "path_or_text" not in message
+    assert message.rpartition("; ")[2].startswith(hint)
+
+
+def test_other_errors_have_no_hint_at_the_examples(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is there, a name that is nobody's, and an option whose file is not there yet."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "talos_elbow.toml").write_text("nonsense")
+    for words in (("run", "talos_elbow.toml"), ("run", "nobody"), ("fit", "mine.csv", "--scene", "talos_elbow.txt")):
+        monkeypatch.setattr(sys, "argv", ["hingepair", *words])
+        with pytest.raises(SystemExit):
+            main()
+        assert "hingepair examples" not in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,44 +13,70 @@ from hingepair.cli.output import make_console
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.tables import align_columns
 
-ALL_EXAMPLES = "all"
-"""The name that stands for every example."""
+ALL_EXAMPLES_KEYWORD = "all"
+"""The NAME that stands for every example."""
 
 
 def examples_command(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="NAME", help=f"Copy this example and the files that it reads; {ALL_EXAMPLES}: every example."
+            metavar="NAME",
+            help=f"Copy this example and the files that it reads; {ALL_EXAMPLES_KEYWORD}: every example.",
         ),
     ] = None,
     directory: Annotated[
         Path, typer.Argument(metavar="DIRECTORY", help="Where the files go; made if it does not exist.")
     ] = Path(),
 ) -> None:
-    """List the example scenes and sweeps, or copy one with the files that it reads.
+    """List the example scenes and sweeps, or copy one.
 
-    Nothing is overwritten: if one of the files is already there, none is copied.
+    An example is copied with the files that it reads. Nothing is overwritten: if one of the files is already there,
+    none is copied.
     """
-    folder = _examples_folder()
-    scenes = {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
+    folder, scenes = _examples_folder(), _files_by_example()
     if name is None:
         rows = [("example", "description"), *((one, _read_toml(path)["title"]) for one, path in scenes.items())]
         lines = [*align_columns(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
         make_console().print(*lines, sep="\n")
         return
-    if name != ALL_EXAMPLES and name not in scenes:
-        names = (ALL_EXAMPLES, *scenes)
+    if name != ALL_EXAMPLES_KEYWORD and name not in scenes:
+        names = (ALL_EXAMPLES_KEYWORD, *scenes)
         raise ArgumentError("name", f"{choices(names)}{nearest(name, names)}", quoted(name))
-    wanted = scenes.values() if name == ALL_EXAMPLES else [scenes[name]]
+    wanted = scenes.values() if name == ALL_EXAMPLES_KEYWORD else [scenes[name]]
     files = sorted({file for path in wanted for file in (path, *_referenced_files(path))})
     targets = [directory / file.relative_to(folder) for file in files]
     _copy_all(files, targets, directory)
     lines = [f"written: {target}" for target in targets]
-    if name != ALL_EXAMPLES:
+    if name != ALL_EXAMPLES_KEYWORD:
         command = "sweep" if "scene" in _read_toml(scenes[name]) else "run"
         lines.append(f"Now try: hingepair {command} {directory / f'{name}.toml'}")
     make_console().print(*lines, sep="\n")
+
+
+def missing_file_hint(path: str) -> str | None:
+    """Return a hint at `hingepair examples` if a path without a file is a .toml or bears an example's name; or None.
+
+    Args:
+        path: path or name that a user typed.
+    """
+    if os.path.exists(path):
+        return None
+    typed = f"/{Path(path).with_suffix('').as_posix()}"
+    names = [name for name in _files_by_example() if Path(name).name == Path(typed).name]
+    if names:
+        # of a scene and a sweep with the same last name, the one whose folder was typed too
+        name = max(names, key=lambda name: len(name) if typed.endswith(f"/{name}") else 0)
+        return f"hingepair examples {name} copies the worked example of this name with the files that it reads"
+    if Path(path).suffix.lower() != ".toml":
+        return None
+    return "hingepair examples lists and copies worked examples"
+
+
+def _files_by_example() -> dict[str, Path]:
+    """Return the scene and sweep files of the examples, by the example's name."""
+    folder = _examples_folder()
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
 
 def _examples_folder() -> Path:
@@ -59,14 +86,14 @@ def _examples_folder() -> Path:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file."""
+    """Read a TOML file; return its table."""
     import tomllib
 
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def _referenced_files(path: Path) -> list[Path]:
-    """Return the files that a scene or a sweep names: its log, its URDF, the scene of a sweep and what that names."""
+    """Return the files that a scene or sweep names: a log, a URDF, a sweep's scene and what that names."""
     table = _read_toml(path)
     referenced = (
         table.get("motion", {}).get("file"),
@@ -78,7 +105,7 @@ def _referenced_files(path: Path) -> list[Path]:
 
 
 def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
-    """Copy the files, all or none of them.
+    """Copy each file to its target and make missing folders; copy none if a target exists.
 
     Raises:
         ArgumentError: a target is there already, or cannot be written.

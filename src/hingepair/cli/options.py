@@ -4,33 +4,45 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from typer.models import ArgumentInfo, OptionInfo
 
+from hingepair.cli.examples import missing_file_hint
 from hingepair.errors import ArgumentError
 
-# The parameters of commands that parameters of the library, named in its errors, come from.
-_PARAMETER_ALIASES = {"path": ("out",), "robot": ("name", "names")}
+# The parameters of commands whose values become arguments of the library, by the argument's name in errors.
+_PARAMETERS_BY_LIBRARY_ARGUMENT = {
+    "path": ("out",),
+    "path_or_text": ("source", "name"),
+    "robot": ("source", "name", "names"),
+}
 
 
 def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command whose errors name its options and arguments as a user types them."""
+    """Wrap a command so that its errors name options and arguments as a user types them, and hint at examples."""
 
     @functools.wraps(command)
     def run_command(*args: Any, **values: Any) -> None:
-        """Run the command; errors name the option of the command line instead of the Python argument."""
+        """Run the command; raise its errors with the names of options in place of those of Python arguments."""
         try:
             command(*args, **values)
         except ArgumentError as error:
             typed_names = _typed_names(command)
-            parameters = _PARAMETER_ALIASES.get(error.name, (error.name,))
-            shown = next((typed_names[name] for name in parameters if name in typed_names), None)
-            if shown is None:
+            parameters = _PARAMETERS_BY_LIBRARY_ARGUMENT.get(error.name, (error.name,))
+            name = next((typed_names[name] for name in parameters if name in typed_names), error.name)
+            missing = (
+                value
+                for value in _typed_arguments(command, values)
+                if value == error.name or repr(value) in str(error.got)
+            )
+            hint = next(filter(None, map(missing_file_hint, missing)), None)
+            if name == error.name and hint is None:
                 raise
-            named_error = type(error)(shown, error.expected, error.got)
-            named_error.args = (shown + str(error).removeprefix(error.name),)
+            named_error = type(error)(name, error.expected, error.got)
+            message = name + str(error).removeprefix(error.name)
+            named_error.args = (message if hint is None else f"{message}; {hint}",)
             for note in getattr(error, "__notes__", ()):
                 named_error.add_note(note)
             raise named_error from None
@@ -38,8 +50,16 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
     return run_command
 
 
+def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the values of a command's positional arguments as text, such as paths and names of robots."""
+    for name, hint in typing.get_type_hints(command, include_extras=True).items():
+        if any(isinstance(info, ArgumentInfo) for info in getattr(hint, "__metadata__", ())):
+            value = values.get(name)
+            yield from map(str, value if isinstance(value, list) else [] if value is None else [value])
+
+
 def _typed_names(command: Callable[..., None]) -> dict[str, str]:
-    """Return what a user types for each parameter of a command: `--out`, `JOINT`."""
+    """Return by the name of each of a command's parameters what a user types for it: `--out`, `JOINT`."""
     typed_names = {}
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
