@@ -28,7 +28,7 @@ from support.work import HANG
 MODELS = Path(__file__).parents[2] / "models"
 REFERENCE = MODELS / "reference_3d.toml"
 SCENES = sorted(MODELS.glob("*.toml"))
-EXIT_OK, EXIT_CHECK_FAILED, EXIT_BAD_INPUT = 0, 1, 2
+EXIT_OK, EXIT_CHECK_FAILED, BAD_INPUT_EXIT_CODE = 0, 1, 2
 
 
 def hingepair(*arguments: object, code: int = EXIT_OK) -> subprocess.CompletedProcess[str]:
@@ -240,7 +240,7 @@ def test_what_cannot_be_printed_is_said(
 
     with (tmp_path / "out").open("w") as out:
         monkeypatch.setattr(sys, "stdout", out)
-        assert run_and_flush(fail) == EXIT_BAD_INPUT
+        assert run_and_flush(fail) == BAD_INPUT_EXIT_CODE
         assert run_and_flush(lambda: 7) == 7
     assert capsys.readouterr().err == f"hingepair: {said}\n"
 
@@ -284,7 +284,7 @@ def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path
     for flag, base in (("--fixed-base", "fixed"), ("--floating-base", "floating")):
         assert hingepair("urdf", short_scene, flag).stdout == hp.to_urdf(pair, base=base)
     assert hingepair("mjcf", short_scene, "--fixed-base").stdout == hp.to_mjcf(pair, base="fixed")
-    done = hingepair("urdf", short_scene, "--fixed-base", "--floating-base", code=EXIT_BAD_INPUT)
+    done = hingepair("urdf", short_scene, "--fixed-base", "--floating-base", code=BAD_INPUT_EXIT_CODE)
     assert done.stderr.strip() == "hingepair: --fixed-base and --floating-base exclude each other; give one of them"
 
 
@@ -301,7 +301,7 @@ def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path
     ids=["no_file", "check_no_file", "unknown_output", "unknown_ending", "no_folder", "a_folder"],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: tuple[str, ...]) -> None:
-    done = hingepair(*arguments, code=EXIT_BAD_INPUT)
+    done = hingepair(*arguments, code=BAD_INPUT_EXIT_CODE)
     assert len(done.stderr.strip().splitlines()) == 1
     assert done.stdout == ""
     for word in words:
@@ -383,7 +383,7 @@ def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
 def test_output_that_nobody_takes_is_said_with_exit_2(short_scene: Path, command: str) -> None:
     done = shell(f"hingepair {command} {short_scene} > /dev/full")
     assert done.stderr == b"hingepair: standard output: No space left on device\n"
-    assert done.returncode == EXIT_BAD_INPUT
+    assert done.returncode == BAD_INPUT_EXIT_CODE
 
 
 @pytest.mark.slow
@@ -699,8 +699,8 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     largest = report["outputs"]["tau_boom"]["largest"]
     assert largest == pytest.approx(np.abs(hp.load_scene(scene).forces().tau_boom).max(), rel=1e-9)
     assert "no place" not in hingepair("urdf", scene).stdout
-    assert "mechanism" in hingepair("mjcf", scene, code=EXIT_BAD_INPUT).stderr
-    misspelt = hingepair("run", scene, "--outputs", "R_teath", code=EXIT_BAD_INPUT).stderr
+    assert "mechanism" in hingepair("mjcf", scene, code=BAD_INPUT_EXIT_CODE).stderr
+    misspelt = hingepair("run", scene, "--outputs", "R_teath", code=BAD_INPUT_EXIT_CODE).stderr
     assert re.fullmatch(
         r"hingepair: --outputs: expected one of R, S, .* \(nearest: teeth\), got 'R_teath'\n", misspelt
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from hingepair.cli.options import with_option_names
-from hingepair.cli.output import check_picture_ending, make_console, terminal_width
+from hingepair.cli.output import check_picture_suffix, make_console, terminal_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 from hingepair.numeric.whole_file import whole_file
@@ -39,7 +39,7 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Run a benchmark and print its table, its notes and facts about the machine; draw its picture if asked.
+    """Run a benchmark and print its table and notes, or JSON; draw its picture if `plot` is a path.
 
     The file of the picture is opened first, so that a file that cannot be written is refused before measuring.
     """
@@ -65,10 +65,10 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
 
 @contextlib.contextmanager
 def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
-    """Open the file of a picture; yield the function that draws a report into it."""
+    """Return a context manager that opens a picture's file and yields the function that draws a report into it."""
     from hingepair.bench.plot import new_figure, write_picture
 
-    check_picture_ending("--plot", path)
+    check_picture_suffix("--plot", path)
     new_figure((1, 1))  # raises an error if Matplotlib is not installed
     with contextlib.ExitStack() as exit_stack:
         try:
@@ -78,8 +78,8 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
         yield lambda report: write_picture(report.panels, file, path.suffix.lower()[1:])
 
 
-def _read_sizes(sizes: str) -> list[int]:
-    """Read the batch sizes of an option."""
+def _parse_sizes(sizes: str) -> list[int]:
+    """Parse batch sizes, separated by commas; return them as integers."""
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))
@@ -101,11 +101,15 @@ def bench_direct(
     show_json: BenchJsonOption = False,
     plot: PlotOption = None,
 ) -> None:
-    """Measure run time and error beside Pinocchio, MuJoCo, JAX, SciPy and NumPy."""
+    """Measure forward kinematics of a pair, and its errors.
+
+    Poses, velocities and accelerations are computed by hingepair, Pinocchio, MuJoCo, JAX, SciPy and NumPy, as far as
+    these are installed. The errors are those against arithmetic of 700 digits.
+    """
     from hingepair.bench import direct as bench
     from hingepair.bench.peers import OUTPUTS_BY_LEVEL
 
-    counts, chosen = _read_sizes(sizes), [level.strip() for level in levels.split(",")]
+    counts, chosen = _parse_sizes(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(OUTPUTS_BY_LEVEL))
     _run_benchmark(lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, cold), show_json, plot)
@@ -121,7 +125,10 @@ def bench_integrate(
     show_json: BenchJsonOption = False,
     plot: PlotOption = None,
 ) -> None:
-    """Measure the integration of angular velocity by all methods and by SciPy's solvers."""
+    """Measure the integration of angular velocity to attitudes.
+
+    All methods of hingepair and SciPy's solvers are measured with several steps or tolerances.
+    """
     from hingepair.bench import integrate as bench
 
     _run_benchmark(lambda: bench.measure_integration(repeats, steps), show_json, plot)
@@ -132,10 +139,13 @@ def bench_integrate(
 def bench_fit(
     sizes: SizesOption = "1000,10000,1000000", repeats: RepeatsOption = 5, show_json: BenchJsonOption = False
 ) -> None:
-    """Measure fits of a hinge to poses and to gyroscopes, beside SciPy's least_squares and qmt."""
+    """Measure fits of a hinge to recorded poses and gyroscopes.
+
+    The fits are those of hingepair, of SciPy's least_squares and of the package qmt, if it is installed.
+    """
     from hingepair.bench import fit as bench
 
-    _run_benchmark(lambda: bench.measure_fits(_read_sizes(sizes), repeats), show_json)
+    _run_benchmark(lambda: bench.measure_fits(_parse_sizes(sizes), repeats), show_json)
 
 
 @bench_app.command("skip")
@@ -145,7 +155,11 @@ def bench_skip(
     repeats: RepeatsOption = 7,
     show_json: BenchJsonOption = False,
 ) -> None:
-    """Measure how much time it saves to skip what a scene does not need."""
+    """Measure how much time the skipped operations save.
+
+    hingepair skips operations of which the result is known, such as products with a constant 0, and those that no
+    requested output needs. Each row of the table is a call of which something is known.
+    """
     from hingepair.bench import skip as bench
 
     _run_benchmark(lambda: bench.measure_folding(samples, repeats), show_json)
@@ -159,7 +173,10 @@ def bench_dynamics(
     cpp: CppOption = False,
     show_json: BenchJsonOption = False,
 ) -> None:
-    """Measure dynamics and simulations beside Pinocchio, MuJoCo and SciPy."""
+    """Measure dynamics and simulations of a pair.
+
+    Inverse and forward dynamics are measured beside Pinocchio and MuJoCo, simulations beside SciPy's solvers.
+    """
     from hingepair.bench import dynamics as bench
 
     _run_benchmark(lambda: bench.measure_dynamics(samples, repeats, cpp), show_json)
@@ -179,15 +196,15 @@ def bench_robots(
         Path | None, typer.Option(metavar="FILE", help="Draw run times of the largest batch (.png, .svg, .pdf).")
     ] = None,
 ) -> None:
-    """Measure whole robots beside Pinocchio, MuJoCo and frax (JAX).
+    """Measure kinematics and dynamics of whole robots.
 
-    Each block of the table is one workload (poses, Jacobians, inverse or forward dynamics) of one robot at N states;
-    each row is one engine.
+    The engines are hingepair, Pinocchio, MuJoCo and frax (JAX), as far as they are installed. Each block of the table
+    is one workload (poses, Jacobians, inverse or forward dynamics) of one robot at N states; each row is one engine.
     """
     from hingepair.bench import robots as bench
 
     chosen = [name.strip() for name in names.split(",")]
-    _run_benchmark(lambda: bench.measure_robots(chosen, _read_sizes(sizes), repeats, cpp), show_json, plot)
+    _run_benchmark(lambda: bench.measure_robots(chosen, _parse_sizes(sizes), repeats, cpp), show_json, plot)
 
 
 @bench_app.command("scale")
@@ -204,7 +221,11 @@ def bench_scale(
     repeats: RepeatsOption = 5,
     show_json: BenchJsonOption = False,
 ) -> None:
-    """Measure Dask beside the plain call, threads, memory and sweeps."""
+    """Measure Dask, threads, memory and sweeps.
+
+    The overhead of Dask over a plain call, the gain of several threads over one, the peak memory of a long reduction,
+    and the run time of `hingepair sweep` are measured.
+    """
     from hingepair.bench import scale as bench
 
     _run_benchmark(lambda: bench.measure_scaling(samples, long, workers, repeats), show_json)

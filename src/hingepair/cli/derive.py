@@ -27,10 +27,10 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES, Scene
 
-_DEFAULT_SNAP: Final = 1e-6
+_DEFAULT_SNAP_ANGLE: Final = 1e-6
 """Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
 
-DEFAULT_OUTPUTS = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
+DEFAULT_DERIVED_OUTPUTS = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
 
 
@@ -72,15 +72,16 @@ def derive_command(
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Constants that stay symbols, separated by commas: u1, u2, n and the constants of the scene; of a "
-            "robot u, its lengths.",
+            help="Constants that stay symbols in the formulas, separated by commas: u1, u2, n and the constants of "
+            "the scene; of a robot: u, which stands for all of its lengths.",
         ),
     ] = None,
     short: Annotated[
         bool | None,
         typer.Option(
             "--short/--full",
-            help="Abbreviate sines and repeated terms; default: if lines are long, and for a robot.",
+            help="--short abbreviates sines and repeated terms, --full writes them out; default: --short for a "
+            "robot, and for a pair if lines are long.",
         ),
     ] = None,
     out: TextFileOption = None,
@@ -121,7 +122,7 @@ def _derive_pair(
     output_format: str,
     short: bool | None,
 ) -> str:
-    """Return the formulas of the motion of a scene, or of an arbitrary motion of a pair.
+    """Return the formulas of a scene's motion, or of an arbitrary motion of a pair, as text of the output format.
 
     Args:
         scene_or_pair: the scene or the pair.
@@ -141,7 +142,9 @@ def _derive_pair(
     forms = closed_forms(scene_or_pair, symbols) if is_scene or file is None else derive_any_motion(file, symbols)
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
     chosen = tuple(name for name in scene_outputs or () if name not in ADDITIONAL_SCENE_OUTPUT_NAMES)
-    default_names = default_outputs(ACCELERATION, PLANAR_MOTION) if forms.kind is PLANAR_MOTION else DEFAULT_OUTPUTS
+    default_names = (
+        default_outputs(ACCELERATION, PLANAR_MOTION) if forms.kind is PLANAR_MOTION else DEFAULT_DERIVED_OUTPUTS
+    )
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":
         return forms.to_latex(names, short=bool(short))
@@ -154,7 +157,7 @@ def _derive_pair(
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return a robot whose angles near multiples of pi/2 are replaced by these, and a note if any was.
+    """Load a robot with its angles snapped to near multiples of pi/2; return it and a note; None if no robot.
 
     Args:
         source: robot's name or URDF file; of another source None is returned.
@@ -165,7 +168,7 @@ def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tup
         if not os.path.exists(source) and not source.lower().endswith(".toml"):
             robot_urdf(source)  # raises an error that lists the robots
         return None
-    max_angle = _DEFAULT_SNAP if snap is None else snap
+    max_angle = _DEFAULT_SNAP_ANGLE if snap is None else snap
     snapped = Mechanism.from_urdf(source, snap=max_angle) if is_urdf(source) else load_robot(source, snap=max_angle)
     largest_change = _largest_rotation_change(robot, snapped)
     note = (
@@ -183,7 +186,7 @@ def _derive_robot(
     output_format: str,
     short: bool,
 ) -> str:
-    """Return the formulas of a frame of a robot.
+    """Return the formulas of a frame of a robot, as text of the output format.
 
     Args:
         robot: the robot.

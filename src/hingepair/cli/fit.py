@@ -12,9 +12,9 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_ENDINGS,
+    PICTURE_SUFFIXES,
     JsonOption,
-    check_picture_ending,
+    check_picture_suffix,
     make_console,
     out_option,
     save_figure,
@@ -30,15 +30,15 @@ from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
-_MIN_TURN = 30.0  # [deg]; if the hinge turns less, the report recommends to turn it further
-_MIN_CERTAIN_OFFSET = 4.0  # standard deviations; a clock offset above that is significant
-_MAX_MISSING = 0.1  # fraction of missing samples above which the report mentions them
+_MIN_PSI_RANGE_DEG = 30.0  # if the hinge turns less, the report recommends to turn it further
+_MIN_CLOCK_OFFSET_STDS = 4.0  # a clock offset of more standard deviations is significant
+_MAX_MISSING_FRACTION = 0.1  # fraction of missing samples above which the report mentions them
 
 
 def fit_command(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="One recording of both bodies, or two files: body 1, body 2."),
+        typer.Argument(metavar="FILE", help="One recording of both bodies, or two files: body 1, body 2."),
     ],
     loss: Annotated[
         str,
@@ -47,7 +47,7 @@ def fit_command(
         ),
     ] = "linear",
     gauge: Annotated[
-        str, typer.Option(help=f"Point of the axis that u1 and u2 name: {', '.join(GAUGE_NAMES)}.")
+        str, typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(GAUGE_NAMES)}.")
     ] = GAUGE_NAMES[0],
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
@@ -64,7 +64,7 @@ def fit_command(
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_ENDINGS)})."),
+        typer.Option(metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_SUFFIXES)})."),
     ] = None,
     scene: Annotated[
         Path | None,
@@ -108,8 +108,8 @@ def fit_command(
     body has a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
     recordings do not determine a hinge.
     """
-    _check_names(out, plot, scene, report)
-    _check_targets(files, out, plot, scene, report)
+    _check_suffixes(out, plot, scene, report)
+    _check_output_paths(files, out, plot, scene, report)
     recording = read_recording(files, ignore or (), gaps, encoder)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
@@ -138,22 +138,22 @@ def fit_command(
     raise typer.Exit(0 if fitted.ok else 1)
 
 
-def _check_names(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
-    """Raise an error if a file to write has a suffix that names another kind of file."""
+def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
+    """Raise an error if the suffix of a file to write does not fit what its option writes."""
     if out is not None:
         check_ending(out)
     if plot is not None:
-        check_picture_ending("plot", plot)
+        check_picture_suffix("plot", plot)
     if scene is not None and scene.suffix.lower() != ".toml":
         raise ArgumentError("scene", "a file name that ends in .toml", quoted(str(scene)))
     if report is not None and report.suffix.lower() != ".md":
         raise ArgumentError("report", "a file name that ends in .md", quoted(str(report)))
 
 
-def _check_targets(
+def _check_output_paths(
     files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
 ) -> None:
-    """Raise an error if a file to write is one that is read, or if a file of the scene exists or is written twice.
+    """Raise an error if a file to write is read too, is written twice, or is a scene or log that exists.
 
     Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
     nor its log, whose name is not given.
@@ -191,7 +191,7 @@ def _save(
     scene: Path | None,
     report: Path | None,
 ) -> list[Path]:
-    """Write the files that the options name, and return their paths."""
+    """Write the files that the options name: results, figure, scene and report; return their paths."""
     written: list[Path] = []
     if out is not None:
         t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
@@ -212,7 +212,7 @@ def _save(
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
-    """Write a scene of a fitted pair that smooths the recorded motion of body 1 and psi, and its log."""
+    """Write a scene of a fitted pair, and its log with the recorded motion of body 1 and psi; return both paths."""
     log = path.with_suffix(".csv")
     t = np.asarray(fitted.t)
     places = np.broadcast_to(body1.R, (t.size, 3))
@@ -254,7 +254,7 @@ def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
 
 
 def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
-    """Return the report on a fit in Markdown; `figure` is the path of its figure relative to the report."""
+    """Return the Markdown report on a fit; `figure` is the path of its figure relative to the report, or None."""
     verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not a hinge to rely on.**"
     missing = fitted.psi.size - fitted.samples
     lines = [
@@ -297,7 +297,7 @@ def _heading(inputs: list[Path]) -> list[str]:
 
 
 def _hinge_table(fitted: HingeFit) -> list[str]:
-    """Return a Markdown table of the hinge and the other estimated quantities."""
+    """Return the lines of a Markdown table of the hinge, psi, the clock offset and the encoder."""
     turn = np.degrees(rotation_vector(fitted.pair.home))
     vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
     vectors += [("n", fitted.pair.n, np.asarray(fitted.std["n"]), "1")]
@@ -326,7 +326,7 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
 
 
 def _residual_table(fitted: HingeFit) -> list[str]:
-    """Return a Markdown table of the residuals."""
+    """Return the lines of a Markdown table of the residuals: position gap and tilt of the axis."""
     kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
     if fitted.body2.S is not None:
         rms, noise = np.degrees((fitted.rms_angle, fitted.noise_angle))
@@ -347,25 +347,25 @@ def _table(heading: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[st
 
 
 def _advice(fitted: HingeFit) -> list[str]:
-    """Return sentences that recommend what to do next."""
+    """Return the sentences of the report that recommend what to do next."""
     advice = []
     if not fitted.ok:
         advice.append("Do not use these numbers: the first finding says why.")
         if fitted.loss == "linear":
             advice.append("Repeat with `--loss cauchy` where some samples may be outliers.")
     low, high = np.degrees(fitted.psi_range)
-    if high - low < _MIN_TURN:
+    if high - low < _MIN_PSI_RANGE_DEG:
         advice.append(
             f"Let the hinge turn further than {high - low:.2g} deg: the standard deviations of the axis and of the "
             "point fall in proportion."
         )
     if fitted.clock_offset is not None and fitted.std["clock_offset"] > 0:
-        certain = abs(fitted.clock_offset) > _MIN_CERTAIN_OFFSET * fitted.std["clock_offset"]
+        certain = abs(fitted.clock_offset) > _MIN_CLOCK_OFFSET_STDS * fitted.std["clock_offset"]
         if not certain:
             advice.append(
                 "Repeat with `--clock-offset 0` if both bodies were recorded by one clock: it is more certain."
             )
-    if fitted.samples < (1 - _MAX_MISSING) * fitted.psi.size:
+    if fitted.samples < (1 - _MAX_MISSING_FRACTION) * fitted.psi.size:
         advice.append("Find out why so many samples are missing; a gap in the motion costs certainty.")
     if fitted.ok:
         advice.append("Check the hinge on a second recording: `pair.residuals(body1, body2, tolerances)`.")

@@ -16,7 +16,7 @@ from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
 from hingepair.cli.options import with_option_names
-from hingepair.cli.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, run_and_flush, set_up_process
+from hingepair.cli.output import BAD_INPUT_EXIT_CODE, INTERNAL_ERROR_EXIT_CODE, run_and_flush, set_up_process
 from hingepair.cli.pairs import mjcf_command, urdf_command
 from hingepair.cli.pictures import plot_command, view_command
 from hingepair.cli.robots import robots_command
@@ -27,7 +27,8 @@ from hingepair.errors import HingePairError
 
 app = typer.Typer(
     name="hingepair",
-    help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
+    help="Motion and forces of two rigid bodies joined by a hinge, and of robots, which are trees of such pairs. "
+    "Most commands take a scene file (TOML); hingepair examples lists some to start from.",
     epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 an internal error of "
     "hingepair, 128 + n stopped by signal n (130 by Ctrl-C).",
     no_args_is_help=True,
@@ -37,7 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS: dict[str, Callable[..., None]] = {
+COMMANDS_BY_NAME: dict[str, Callable[..., None]] = {
     "run": run_command,
     "check": check_command,
     "forces": forces_command,
@@ -54,7 +55,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 """The commands by the names that users type, in the order of --help."""
 
-for command_name, command in COMMANDS.items():
+for command_name, command in COMMANDS_BY_NAME.items():
     app.command(command_name)(with_option_names(command))
 app.add_typer(bench_app, name="bench")
 
@@ -66,20 +67,20 @@ def main() -> None:
 
 
 def _run_app() -> int:
-    """Run the command that the process was called with, print its error, and return the exit code."""
+    """Run the command of the process's arguments, print its error if there is one, and return the exit code."""
     try:
         _command_tree()()
     except HingePairError as error:
         print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
-        return EXIT_BAD_INPUT
+        return BAD_INPUT_EXIT_CODE
     except MemoryError as error:
         print(f"hingepair: not enough memory ({error})", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        return BAD_INPUT_EXIT_CODE
     except OSError:
         raise
     except Exception:
         traceback.print_exc()
-        return EXIT_INTERNAL_ERROR
+        return INTERNAL_ERROR_EXIT_CODE
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
     return 0
@@ -92,9 +93,10 @@ def _command_tree() -> Callable[[], object]:
 
 
 @app.callback(invoke_without_command=True)
-def _options(
+def _handle_version_option(
     show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
+    """Print the version of hingepair and exit, if --version is given; otherwise let the command run."""
     if show_version:
         print(f"hingepair {__version__}")
         raise typer.Exit

@@ -25,13 +25,13 @@ from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES
 
 Piece = TypeVar("Piece")
 
-EXIT_BAD_INPUT = 2
-"""Exit code of bad input and of output that cannot be written; 1 means that a check failed."""
+BAD_INPUT_EXIT_CODE = 2
+"""Of bad input and of output that cannot be written; 1 means that a check failed."""
 
-EXIT_INTERNAL_ERROR = 3
-"""Exit code of an internal error, whose traceback is printed."""
+INTERNAL_ERROR_EXIT_CODE = 3
+"""Of an internal error, whose traceback is printed."""
 
-PICTURE_ENDINGS = (".png", ".svg", ".pdf")
+PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 """File name suffixes of figures."""
 
 OutputsOption = Annotated[
@@ -73,10 +73,10 @@ def terminal_width(screen: Console) -> int | None:
     return screen.width if screen.is_terminal else None
 
 
-def check_picture_ending(option: str, path: Path) -> None:
+def check_picture_suffix(option: str, path: Path) -> None:
     """Raise an error if the suffix of a figure's file name names no format of figures."""
-    if path.suffix.lower() not in PICTURE_ENDINGS:
-        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_ENDINGS)}", quoted(str(path)))
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_SUFFIXES)}", quoted(str(path)))
 
 
 def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any) -> None:
@@ -85,24 +85,24 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any)
         figure.savefig(file, format=path.suffix.lower()[1:], **options)
 
 
-def with_progress_bar(parts: Iterable[Piece], samples: int) -> Iterable[Piece]:
-    """Return an iterable of pieces that shows a progress bar on a terminal if there are several pieces.
+def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
+    """Return an iterable of the same pieces that shows a progress bar on a terminal, if there are several.
 
     Args:
         parts: pieces of ROWS instants each.
-        samples: number of all instants.
+        num_instants: number of instants of all pieces together.
     """
     screen = Console(stderr=True)
-    if samples <= ROWS or not screen.is_terminal:
+    if num_instants <= ROWS or not screen.is_terminal:
         return parts
     from rich.progress import track
 
-    return track(parts, "computing", -(-samples // ROWS), console=screen, transient=True)
+    return track(parts, "computing", -(-num_instants // ROWS), console=screen, transient=True)
 
 
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
-    """Print a message if a signal stops the command before its file is written; an older file stays as it is."""
+    """Return a context manager that prints a message if a signal stops the process before `out` is written."""
     try:
         yield
     except SystemExit:
@@ -123,7 +123,7 @@ def split_names(option: str, text: str | None) -> list[str] | None:
 
 
 def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """Write a text in UTF-8 to a file, which must not be one of the inputs, or to standard output for None."""
+    """Write a text to the file `out`, which must be none of `inputs`, or to standard output if it is None."""
     if out is None:
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
@@ -137,9 +137,10 @@ def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
 
 
 def set_up_process() -> None:
-    """Set up the process: signals and closed pipes end it silently, and characters the terminal lacks are escaped.
+    """Set up signals, output streams and warnings of the process: a signal ends it silently, as SystemExit.
 
-    A signal becomes SystemExit, so that a partly written file is deleted.
+    SystemExit lets a partly written file be deleted. A closed pipe ends the process silently, characters that the
+    terminal lacks are escaped, and each warning is printed once.
     """
     if sys.stdout is None:  # closed by the shell, >&-
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process runs
@@ -155,22 +156,22 @@ def set_up_process() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def run_and_flush(run: Callable[[], int]) -> int:
-    """Run a command, flush its output and return its exit code: EXIT_BAD_INPUT if the output cannot be printed."""
+def run_and_flush(run_command: Callable[[], int]) -> int:
+    """Run a command and flush its output; return its exit code, or that of bad input if printing fails."""
     try:
-        code = run()
+        code = run_command()
         sys.stdout.flush()
     except OSError as error:
         print(f"hingepair: {error.filename or 'standard output'}: {error.strerror or error}", file=sys.stderr)
         os.dup2(
             os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
         )  # the text in the buffer would fail again at exit
-        return EXIT_BAD_INPUT
+        return BAD_INPUT_EXIT_CODE
     return code
 
 
 def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning unless its text has been printed before."""
+    """Print a warning and add its text to `printed_texts`, unless the text is there already."""
     if str(message) not in printed_texts:
         printed_texts.add(str(message))
         print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)

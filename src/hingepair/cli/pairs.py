@@ -59,7 +59,7 @@ FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 
 
 
 def load_named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
-    """Return the pair of a scene file, or of a hinge of a robot or of a URDF file.
+    """Load the pair of a scene file, or of a hinge of a robot or URDF file; return it.
 
     Args:
         source: scene file, robot's name or URDF file.
@@ -81,7 +81,7 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
 
 
 def load_named_robot(source: str) -> Mechanism | None:
-    """Return the robot of a URDF file, of example-robot-data or of a scene file without a motion; None of others."""
+    """Load the robot of a URDF file, of example-robot-data or of a scene without a motion; None of other sources."""
     if is_urdf(source):
         return Mechanism.from_urdf(source)
     if os.path.isfile(source) and "motion" not in read_tables(source).values:
@@ -94,7 +94,7 @@ def load_named_robot(source: str) -> Mechanism | None:
 
 
 def load_named_scene(path: Path) -> Scene | MechanismScene:
-    """Read a scene file, of a pair or of a mechanism.
+    """Load a scene file, of a pair or of a mechanism; return the scene.
 
     Raises:
         ArgumentError: the path is the name of a robot, or of no file.
@@ -109,7 +109,7 @@ def load_named_scene(path: Path) -> Scene | MechanismScene:
 
 
 def _check_robot_name(source: str) -> None:
-    """Refuse a word without a suffix or a folder that is neither a file nor a robot; name close robots."""
+    """Raise an error if a plain word is neither a file nor a robot's name; the error names similar robots."""
     if os.path.exists(source) or Path(source).name != source or Path(source).suffix:
         return
     try:
@@ -123,7 +123,7 @@ def _check_robot_name(source: str) -> None:
 def load_scene_or_pair(
     source: str, joint: str | None, *frames: str | None
 ) -> Scene | MechanismScene | HingePair | PlanarPair:
-    """Return the scene of a file that has a motion; otherwise the pair that the arguments name."""
+    """Load the scene of a file that has a motion; otherwise the pair that the arguments name."""
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
         return load_scene(source)
@@ -131,7 +131,7 @@ def load_scene_or_pair(
 
 
 def require_pair(value: Scene | MechanismScene | HingePair | PlanarPair) -> Scene | HingePair | PlanarPair:
-    """Return the scene of a pair, or the pair, unchanged.
+    """Return the scene of a pair, or the pair, unchanged; raise an error if it is the scene of a mechanism.
 
     Raises:
         ArgumentError: the value is the scene of a mechanism.
@@ -142,7 +142,7 @@ def require_pair(value: Scene | MechanismScene | HingePair | PlanarPair) -> Scen
 
 
 def input_files(source: str) -> tuple[Path, ...]:
-    """Return the files that a scene, pair or robot is read from."""
+    """Return the files that a scene, pair or robot is read from; none if the source is not a file."""
     path = Path(source)
     if not os.path.isfile(path):
         return ()
@@ -226,7 +226,7 @@ def mjcf_command(
 
 
 _BASE_POSE_KEYS: Final = ("R1_0", "S1_0", "phi_0")
-"""Keys of [dynamics] for the pose of body 1 at the start."""
+"""Keys of the table [dynamics] for the pose of body 1 at the start."""
 
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
@@ -239,16 +239,16 @@ def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
     return joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
 
 
-def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written: set[str]) -> str:
-    """Add a comment to a model that lists the keys of [dynamics] it lacks, and warn of them.
+def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
+    """Return a model's text with a comment that lists the keys of [dynamics] it lacks, and warn of them.
 
     Args:
         file_format: URDF or MJCF.
         text: the model.
         setup: content of [dynamics].
-        written: keys that the model contains.
+        written_keys: keys that the model contains.
     """
-    keys = [key for key in setup.keys if key not in {*written, "tol", "breaks"}]
+    keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks"}]
     if not keys:
         return text
     shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)
@@ -263,7 +263,7 @@ def _to_spatial(pair: HingePair | PlanarPair) -> HingePair:
 
 
 def _require_joint(source: str, joint: str | None) -> str:
-    """Return the name of a joint; if it is missing, raise an error that lists the hinges of the source."""
+    """Return the joint's name; if it is None, raise an error that lists the hinges of the source."""
     if joint is None:
         hinges = read_urdf(source if is_urdf(source) else robot_urdf(source)).hinges()
         raise ArgumentError("JOINT", f"a hinge of {source}: {choices([hinge.name for hinge in hinges])}", "none")

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_ENDINGS,
+    PICTURE_SUFFIXES,
     OutputsOption,
-    check_picture_ending,
+    check_picture_suffix,
     make_console,
     out_option,
     save_figure,
@@ -31,7 +31,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
 
-_DEFAULT_NAME_HELP = (
+_DEFAULT_OUT_HELP_TEXT = (
     "default: the scene's name in the current folder, unless that file exists."  # in the help of --out
 )
 
@@ -39,18 +39,18 @@ _DEFAULT_NAME_HELP = (
 def plot_command(
     scene_file: SceneArgument,
     out: Annotated[
-        Path | None, out_option(f"Write the figure to FILE ({', '.join(PICTURE_ENDINGS)}); {_DEFAULT_NAME_HELP}")
+        Path | None, out_option(f"Write the figure to FILE ({', '.join(PICTURE_SUFFIXES)}); {_DEFAULT_OUT_HELP_TEXT}")
     ] = None,
     outputs: OutputsOption = None,
 ) -> None:
     """Draw the motion of a scene over time and in space.
 
     The figure of a pair shows position, attitude, rates and psi over time, the paths of both bodies, and the residual
-    of E1. That of a mechanism shows position, rate and torque of each moving joint with their limits, and the paths
-    of its frames. With --outputs the figure shows these outputs over time.
+    of E1 (common hinge point). That of a mechanism shows position, rate and torque of each moving joint with their
+    limits, and the paths of its frames. With --outputs the figure shows these outputs over time.
     """
     if out is not None:
-        check_picture_ending("--out", out)
+        check_picture_suffix("--out", out)
     scene, names = load_named_scene(scene_file), split_names("--outputs", outputs)
     if names is not None:
         scene.plan(names)  # raises an error about an unknown output
@@ -65,7 +65,7 @@ def view_command(
     joint: JointArgument = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
-    out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_NAME_HELP}")] = None,
+    out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_OUT_HELP_TEXT}")] = None,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 
@@ -86,7 +86,7 @@ def view_command(
 
 
 def _check_new_file(name: str) -> Path:
-    """Return the path of a new file in the current folder.
+    """Return the path of a file name in the current folder; raise an error if the file exists.
 
     Raises:
         ArgumentError: a file of this name exists.

@@ -20,9 +20,9 @@ from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGES, SLIDERS, JointRecord, MimicRecord, Robot
 
 # Headings of the two tables: of robots, and of the joints of one.
-COUNT_COLUMNS = ("robot", "dof", "hinges", "sliders", "following")
+ROBOT_TABLE_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
 # Headings of the table of joints.
-JOINT_COLUMNS = (
+JOINT_TABLE_HEADINGS = (
     *(
         "q",
         "joint",
@@ -36,7 +36,7 @@ JOINT_COLUMNS = (
     ),
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
-_NUMBER_COLUMNS = {0, 6, 7, 8, 9, 10}
+_RIGHT_ALIGNED_JOINT_COLUMNS = {0, 6, 7, 8, 9, 10}
 """Columns of numbers in the table of joints, which are right-aligned."""
 
 
@@ -47,35 +47,36 @@ def robots_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the robots of example-robot-data, or the joints of a robot.
+    """List the example robots, or the joints of a robot.
 
-    The table of joints shows the index of each coordinate in q, the two links, the axis in the axes of the joint, as
-    in the URDF file, the limits of position, effort and rate, the mass of body 2 and of all bodies that the joint
-    moves, and the joint that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge
-    as a pair.
+    The robots are those of the package example-robot-data, which scenes and commands take by name. The table of
+    joints shows the index of each coordinate in q, the two links, the axis in the axes of the joint, as in the URDF
+    file, the limits of position, effort and rate, the mass of body 2 and of all bodies that the joint moves, and the
+    joint that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge as a pair.
     """
     if name is None:
-        rows = [_count_joints(robot) for robot in robot_names()]
+        rows = [_robot_table_row(robot) for robot in robot_names()]
         report: Any = rows
         lines = align_columns(
-            [COUNT_COLUMNS, *(tuple(str(row[key]) for key in COUNT_COLUMNS) for row in rows)], {1, 2, 3, 4}
+            [ROBOT_TABLE_HEADINGS, *(tuple(str(row[key]) for key in ROBOT_TABLE_HEADINGS) for row in rows)],
+            {1, 2, 3, 4},
         )
     else:
-        report = _describe_robot(name)
+        report = _joint_report(name)
         table = (
-            align_columns([JOINT_COLUMNS, *map(_joint_cells, report["joints"])], _NUMBER_COLUMNS)
+            align_columns([JOINT_TABLE_HEADINGS, *map(_joint_cells, report["joints"])], _RIGHT_ALIGNED_JOINT_COLUMNS)
             if report["joints"]
             else []
         )
-        lines = [*table, *map(printable, _robot_sentences(name, report))]
+        lines = [*table, *map(printable, _joint_table_notes(name, report))]
     if as_json:
         print(json_text(report))
     else:
         make_console().print(*lines, sep="\n")
 
 
-def _count_joints(robot: str) -> dict[str, Any]:
-    """Count the joints of a robot: degrees of freedom, hinges, sliders and mimic joints."""
+def _robot_table_row(robot: str) -> dict[str, Any]:
+    """Count the hinges, sliders and mimic joints of a robot; return the row of the table of robots, by heading."""
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGES, SLIDERS))
     names = {joint.name for joint in joints}
@@ -83,11 +84,11 @@ def _count_joints(robot: str) -> dict[str, Any]:
         joint.follows in names for joint in hinges + sliders
     )  # a joint whose leader is missing does not count
     numbers = (len(hinges), len(sliders), following)
-    return dict(zip(COUNT_COLUMNS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
+    return dict(zip(ROBOT_TABLE_HEADINGS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
 
-def _describe_robot(name: str) -> dict[str, Any]:
-    """Return the content of the report on a robot: its moving joints, the names of fixed joints, and notes.
+def _joint_report(name: str) -> dict[str, Any]:
+    """Return the content of the report on a robot, for JSON: its moving joints, its fixed joints, and notes.
 
     A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """
@@ -110,7 +111,7 @@ def _describe_robot(name: str) -> dict[str, Any]:
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return for each joint of a robot its index in q, the rule of a mimic joint, and masses [kg]."""
+    """Return a dictionary for each joint: its index in q, the rule of a mimic joint, and masses [kg]."""
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
     for number in range(len(tree.joints), 0, -1):
@@ -129,7 +130,7 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: Robot, joint: JointRecord) -> dict[str, Any]:
-    """Return links, axis, pose and limits of a joint, or the error if it cannot be loaded."""
+    """Return a joint's kind, links, axis, pose and limits by name, or the error if it cannot be loaded."""
     kind = "hinge" if joint.type in HINGES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
@@ -153,7 +154,7 @@ def _joint_row(robot: Robot, joint: JointRecord) -> dict[str, Any]:
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
-    """Return the cells of the row of a joint."""
+    """Return the texts of a joint's row in the table of joints."""
     index_text = "" if row["index"] is None else str(row["index"])
     names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
     if "error" in row:
@@ -172,8 +173,8 @@ def _mimic_text(row: dict[str, Any]) -> str:
     return str(MimicRecord(mimic["joint"], mimic["multiplier"], mimic["offset"]))
 
 
-def _robot_sentences(name: str, report: dict[str, Any]) -> Sequence[str]:
-    """Return the sentences below the table of joints."""
+def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
+    """Return the sentences below the table of joints: size of q, fixed joints, an example command, notes."""
     joints, folded = report["joints"], report["folded"]
     sentences = []
     if report["dof"] is not None:

@@ -38,7 +38,7 @@ from hingepair.validation.report import CrossValidation
 from hingepair.validation.robot_report import RobotValidation
 from hingepair.validation.robot_states import random_and_hard_states
 
-MAX_CHECKED_INSTANTS = 10_001
+MAX_CHECKED_PAIR_INSTANTS = 10_001
 """Instants of a pair that `check` compares with Pinocchio at most, evenly spread; they take about a second."""
 
 MAX_CHECKED_MECHANISM_INSTANTS = 501
@@ -61,6 +61,9 @@ def run_command(
 
     The table shows each component at three instants and its range; --out writes all instants. A .csv or .parquet file
     is written piece by piece, so that a motion of any length needs little memory.
+
+    R2 and S2 are position and attitude of body 2, d is R2 - R1, v2 and a2 are velocity and acceleration, omega2 and
+    alpha2 the angular ones; 1 in place of 2 stands for body 1.
     """
     if out is not None:
         check_ending(out)
@@ -114,15 +117,15 @@ def check_command(
 ) -> None:
     """Compare a scene, or a whole robot, with Pinocchio.
 
-    For a scene, poses, velocities and accelerations of body 2 are computed by hingepair and by Pinocchio, at 10,001
-    evenly spread instants at most. If [dynamics] simulates the motion, its loads are compared with the forces of
-    Pinocchio's inverse dynamics (rnea), and its rates with numerical derivatives. For a mechanism, all links, forces,
-    the mass matrix and more are compared along the motion, at 501 instants at most. The exit code is 1 if a
-    difference exceeds its bound.
+    For the scene of a pair, poses, velocities and accelerations of body 2 are computed by hingepair and by Pinocchio,
+    at 10,001 evenly spread instants at most. If [dynamics] simulates the motion, its loads are compared with the
+    forces of Pinocchio's inverse dynamics (rnea), and its rates with numerical derivatives. For a mechanism, all
+    links, forces, the mass matrix and more are compared along the motion, at 501 instants at most. The exit code is 1
+    if a difference exceeds its bound.
 
     For a whole robot, the motion of its links, Jacobians, mass matrix, energies, momenta, forces and accelerations
-    are compared at random states and at numerically difficult ones: tiny, straight and huge angles, zero and fast
-    rates.
+    are compared at random states and at numerically difficult ones: angles that are tiny, huge or near pi, and rates
+    that are zero or fast.
     """
     robot = load_named_robot(source)
     if robot is not None:
@@ -132,7 +135,7 @@ def check_command(
     scene = load_scene(Path(source))
     report: CrossValidation | RobotValidation
     if isinstance(scene, Scene):
-        report, notes = scene.cross_validate(MAX_CHECKED_INSTANTS), scene.motion.notes
+        report, notes = scene.cross_validate(MAX_CHECKED_PAIR_INSTANTS), scene.motion.notes
     else:
         report, notes = scene.cross_validate(MAX_CHECKED_MECHANISM_INSTANTS), scene.joint_motion.notes
     if report.samples < scene.samples:
@@ -163,10 +166,11 @@ def forces_command(
 ) -> None:
     """Compute the forces that the motion of a scene requires.
 
-    The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if [dynamics] simulates
-    the motion, it is split into motor, spring, damper, friction and stop. bearing_torque is the torque perpendicular
-    to the axis, hinge_force the force at the hinge point. All three are exerted by body 1 on body 2. force1 and
-    torque1 act on body 1 at R1. Vectors are in world axes. For a log the table also shows the effect of noise.
+    The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if the table [dynamics]
+    of the scene simulates the motion, it is split into motor, spring, damper, friction and stop. bearing_torque is
+    the torque perpendicular to the axis, hinge_force the force at the hinge point. All three are exerted by body 1 on
+    body 2. force1 and torque1 act on body 1 at R1. Vectors are in world axes. For a log the table also shows the
+    effect of noise.
 
     For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
     rate beside their limits; for a log also the standard deviation of each effort that the noise of the log causes.
@@ -178,7 +182,7 @@ def forces_command(
     if not isinstance(scene, Scene):
         _show_mechanism_forces(scene, gravity, out, as_json)
         return
-    gravity_vector = None if gravity is None else _read_gravity(gravity, len(scene.pair.u1))
+    gravity_vector = None if gravity is None else _parse_gravity(gravity, len(scene.pair.u1))
     try:
         result = scene.forces(gravity_vector)
     except ArgumentError as error:
@@ -196,13 +200,13 @@ def forces_command(
     screen = make_console()
     _print_heading(screen, scene)
     _print_gravity(screen, result.gravity)
-    print_component_table(screen, _component_rows(rows, noise=bool(result.noise)))
+    print_component_table(screen, _component_rows(rows, with_noise=bool(result.noise)))
     _print_notes(screen, notes, out)
 
 
 def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path | None, as_json: bool) -> None:
-    """Compute the efforts of the joints of a mechanism and the forces on its base, and print them."""
-    result = scene.forces(None if gravity is None else _read_gravity(gravity, 3))
+    """Compute the efforts of a mechanism's joints and the forces on its base; print them, and save them to `out`."""
+    result = scene.forces(None if gravity is None else _parse_gravity(gravity, 3))
     written = None if out is None else str(result.save(out))
     notes = (*result.notes, *scene.notes())
     base = _component_ranges(result.t, {name: result[name] for name in ("force1", "torque1")})
@@ -226,11 +230,22 @@ def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
     screen.print(f"gravity = ({', '.join(f'{component:g}' for component in gravity)}) m/s^2")
 
 
-def _component_rows(rows: dict[str, dict[str, float]], noise: bool = False) -> list[tuple[str, ...]]:
-    """Return the heading and the rows of a table of components, with a column of noise for a log."""
-    headings = ("", "unit", "first", "smallest", "largest", "rms", "max |.| at t", *(["by noise"] if noise else []))
+def _component_rows(
+    ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
+) -> list[tuple[str, ...]]:
+    """Return the heading and rows of a table of components as texts, with a column for noise if asked."""
+    headings = (
+        "",
+        "unit",
+        "first",
+        "smallest",
+        "largest",
+        "rms",
+        "max |.| at t",
+        *(["by noise"] if with_noise else []),
+    )
     lines: list[tuple[str, ...]] = [headings]
-    for name, (*sizes, t, noises) in ((name, _component_cells(row)) for name, row in rows.items()):
+    for name, (*sizes, t, noises) in ((name, _component_cells(row)) for name, row in ranges_by_component.items()):
         numbers = (f"{value + 0.0:.5g}" for value in sizes)
         lines.append((name, unit_of(name), *numbers, instant_text(t), *(f"{value:.2g}" for value in noises)))
     return lines
@@ -245,7 +260,7 @@ def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
 def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
-    """Return first and extreme values, rms and noise of each component; NaN if it is finite at no instant."""
+    """Return for each component first, extreme and rms values and noise; NaN if it is finite at no instant."""
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)
     finite_once = np.isfinite(v).any(axis=0)
@@ -262,18 +277,18 @@ def _component_ranges(
     }
 
 
-def _read_gravity(text: str, count: int) -> tuple[float, ...]:
-    """Read the components of --gravity: three, or two of a planar scene."""
+def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
+    """Parse the value of --gravity: three numbers, or two of a planar scene; return them."""
     with contextlib.suppress(ValueError):
         vector = tuple(map(float, text.split(",")))
-        if len(vector) == count and np.isfinite(vector).all():
+        if len(vector) == num_components and np.isfinite(vector).all():
             return vector
-    expected = "three finite numbers X,Y,Z" if count == 3 else "two finite numbers X,Y for a planar pair"
+    expected = "three finite numbers X,Y,Z" if num_components == 3 else "two finite numbers X,Y for a planar pair"
     raise ArgumentError("--gravity", expected, repr(text))
 
 
 def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
-    """Return title, time, and the pair or mechanism of a scene, for JSON."""
+    """Return title, times, and the constants of the pair or names of the mechanism of a scene, for JSON."""
     facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
     facts |= {"start": scene.start, "stop": scene.stop}
     if isinstance(scene, Scene):
@@ -304,7 +319,7 @@ def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
 
 
 def _print_notes(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
-    """Print the notes and the file that was written."""
+    """Print the notes, and which file was written or that none was."""
     for note in notes:
         screen.print(f"note: {note}")
     screen.print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")

@@ -17,15 +17,15 @@ from hingepair.scenes.known_motion import KnownMotion
 from hingepair.scenes.mechanisms.scene import FRAME_QUANTITY_NAMES, MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
-# Label, expression and unit of the residuals.
-_RESIDUAL_MEANINGS = (
+# Label, expression and unit of each residual.
+_RESIDUAL_LABELS_AND_UNITS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
     ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s"),
 )
 
 
 class LargestResidual(NamedTuple):
-    """The largest component of the residual of a constraint over all instants; `ratio` is in units of u * scale."""
+    """The largest residual of a constraint (E1, E2) over all instants; `ratio` is in units of u * scale."""
 
     label: str
     meaning: str
@@ -35,7 +35,7 @@ class LargestResidual(NamedTuple):
 
 
 class RunSummary:
-    """The summary of a scene's run, collected from its pieces in order; only pairs have residuals.
+    """Collects the summary of a scene's run piece by piece: three instants, ranges, and residuals of a pair.
 
     Attributes:
         lost: number of instants with a value that is not finite.
@@ -50,12 +50,14 @@ class RunSummary:
         self._names: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
         self._coincident: dict[str, str] | None = None
-        self._residual_meanings = _RESIDUAL_MEANINGS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
+        self._residual_meanings = (
+            _RESIDUAL_LABELS_AND_UNITS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
+        )
         self._largest_residuals = np.full((len(self._residual_meanings), 2), np.nan)
         self.lost = 0
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
-        """Add one piece to the summary."""
+        """Add one piece of the result to the summary; pieces come in order."""
         arrays = part.chosen()
         self._names = column_names(arrays)
         if isinstance(self._scene, MechanismScene):
@@ -94,7 +96,7 @@ class RunSummary:
         return self._coincident or {}
 
     def table(self) -> list[tuple[str, ...]]:
-        """Return the heading and rows of a table: each component at three instants, and its range."""
+        """Return the heading and rows of a table as texts: each component at three instants, and its range."""
         columns = [
             [f"{cell + 0.0:.6g}" for cell in values]
             for values in (*self._values_at_instants, self._smallest, self._largest)
@@ -105,7 +107,7 @@ class RunSummary:
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
-        """Return each component at the first and last instant, and its range, as numbers."""
+        """Return the first, last, smallest and largest value of each component, by its name."""
         columns = {
             "first": self._values_at_instants[0],
             "last": self._values_at_instants[-1],
@@ -118,7 +120,7 @@ class RunSummary:
 
 
 def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
-    """Return the frames all of whose quantities equal those of an earlier frame, with the name of that frame."""
+    """Return by name the frames that move exactly as an earlier frame, with the name of that frame."""
     motions: dict[str, dict[str, NDArray[Any]]] = {}
     coincident = {}
     for frame in frames:
@@ -136,9 +138,9 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
     return coincident
 
 
-def _largest_residuals(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
-    """Compute the largest residuals of E1 and E2, absolute and in u * scale; NaN if no instant is finite."""
-    pair, a = scene.space, known.body_arrays(scene.pair)
+def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.float64]:
+    """Compute the largest residuals of E1 and E2; return rows (absolute, in u * scale), NaN if none is finite."""
+    pair, a = scene.space, known_motion.body_arrays(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})

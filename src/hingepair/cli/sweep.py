@@ -33,15 +33,15 @@ def sweep_command(
             metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: threads of this process."
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(help="Threads of this process; -1: one a core.")] = -1,
+    workers: Annotated[int, typer.Option(help="Threads of this process; -1: one for each core.")] = -1,
     as_json: JsonOption = False,
 ) -> None:
     """Compute all variants of a sweep.
 
     A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; the page "Scene
-    files" of the documentation describes the format. A sweep that was interrupted is taken up by the same command,
-    without computing finished chunks again. On other machines: `dask scheduler` on one, `dask worker ADDRESS` on
-    each; scene files are read there too where a scene has a log or a URDF file.
+    files" of the documentation describes the format. A sweep that was interrupted is continued by the same command,
+    without computing finished chunks again. To compute on other machines, start `dask scheduler` on one and `dask
+    worker ADDRESS` on each, and give --scheduler ADDRESS. A log or URDF file that the scene names is read there too.
     """
     loaded = load_sweep(sweep_file)
     path = loaded.default_store() if out is None else out
@@ -59,7 +59,7 @@ def sweep_command(
 
 @contextlib.contextmanager
 def _sweep_progress_bar() -> Iterator[Progress | None]:
-    """Show a progress bar on a terminal; yield the function that updates it, or None."""
+    """Return a context manager that shows a progress bar on a terminal, and yields its updating function or None."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield None
@@ -73,7 +73,7 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Print a message if a signal stops the sweep, which says how to continue it."""
+    """Return a context manager that says how to continue the sweep if a signal stops it."""
     try:
         yield
     except SystemExit:

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_ENDINGS,
+    PICTURE_SUFFIXES,
     JsonOption,
-    check_picture_ending,
+    check_picture_suffix,
     make_console,
     save_figure,
     terminal_width,
@@ -21,11 +21,11 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
-_NUMBERS_HELP = "a number, or three separated by commas"
+_STD_VALUE_HELP_TEXT = "a number, or three separated by commas"
 """Values of an option that has one or three components."""
 
 
-def _std_option(quantity: str, unit: str, numbers: str = _NUMBERS_HELP) -> Any:
+def _std_option(quantity: str, unit: str, numbers: str = _STD_VALUE_HELP_TEXT) -> Any:
     """Return an option for the standard deviation of a quantity."""
     return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
@@ -39,7 +39,11 @@ def tolerance_command(
     samples: Annotated[int, typer.Option(min=2, max=10**6, help="Number of sampled pairs.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sampled pairs.")] = 0,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=f"Draw bands and shares ({', '.join(PICTURE_ENDINGS)}).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_SUFFIXES)}).",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -50,9 +54,9 @@ def tolerance_command(
     which dimension contributes most.
     """
     if plot is not None:
-        check_picture_ending("--plot", plot)
+        check_picture_suffix("--plot", plot)
     option_texts = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-    std = {name: _read_numbers(name, text) for name, text in option_texts.items() if text is not None}
+    std = {name: _parse_numbers(name, text) for name, text in option_texts.items() if text is not None}
     scene = load_named_scene(scene_file)
     study = study_tolerances(scene, samples, seed, **std)
     if plot is not None:
@@ -72,10 +76,10 @@ def tolerance_command(
     screen.print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
 
 
-def _read_numbers(name: str, text: str) -> float | list[float]:
-    """Read the number, or the three numbers, of an option."""
+def _parse_numbers(name: str, text: str) -> float | list[float]:
+    """Parse the number, or the three numbers separated by commas, of an option; return it or them."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ArgumentError(name, _NUMBERS_HELP, repr(text)) from None
+        raise ArgumentError(name, _STD_VALUE_HELP_TEXT, repr(text)) from None
     return numbers[0] if len(numbers) == 1 else numbers
