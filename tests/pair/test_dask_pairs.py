@@ -274,12 +274,6 @@ def test_a_chunk_that_fails_names_itself():
         (lambda q: PAIR.forward_kinematics(q > 0), "q: expected real numbers"),
         (lambda q: PAIR.forward_kinematics(q, out={"R2": Q}), "out: expected None, since Dask"),
         (lambda q: hp.sample_pairs(PAIR, 50, u1_std=1).forward_kinematics(q), "pair: expected one pair beside Dask"),
-        (
-            lambda q: hp.integrate(PAIR, np.arange(50), q[:, :3], 0.0),
-            r"omega1: .*dask.delayed\(hp.integrate\)\(pair, t,",
-        ),
-        (lambda q: hp.integrate(PAIR, np.arange(50), (0, 0, 1), q[:, 0]), "psid: expected an array in memory"),
-        (lambda q: hp.integrate(PAIR, np.arange(50), (0, 0, 1), 0.0, R1=q[:, :3]), "R1: expected an array in memory"),
         (lambda q: hp.rodrigues(q[:, :3], 0.1), r"n: expected an array in memory, such as n.compute\(\)"),
         (lambda _: hp.fit(lazy_body(BODY), lazy_body(OTHER)), "body1: expected arrays in memory"),
     ],
@@ -289,17 +283,22 @@ def test_what_cannot_be_used_is_refused_before_anything_is_computed(call, messag
         call(chunked(Q))
 
 
-def test_motions_are_integrated_by_a_task_each():
-    t, omega1, psid = np.linspace(0, 1, 9), generator(406).normal(size=(4, 1, 3)) * np.ones((9, 3)), PSI[:, :9]
-    rates = da.from_array(omega1[:3], chunks=(2, 9, 3)), da.from_array(psid, chunks=(2, 9))
-    lazy = [dask.delayed(hp.integrate)(PAIR, t, *(rate[i] for rate in rates), backend="numpy") for i in range(3)]
-    for i, motion in enumerate(computed(*lazy)):
-        plain = hp.integrate(PAIR, t, omega1[i], psid[i], backend="numpy")
-        np.testing.assert_array_equal(motion.R2, plain.R2)
-    with pytest.raises(
-        hp.ShapeError, match=r"samples of shape \(9, 3\), got 4 motions of that shape; integrate each"
-    ):
-        hp.integrate(PAIR, t, omega1, psid[0])
+def test_results_are_computed_whole():
+    """`dask.compute` takes a state as it takes an array; what is in memory stays what it is."""
+    lazy = PAIR.forward_kinematics(chunked(Q), chunked(QD))
+    state = computed(lazy)
+    assert type(state) is type(lazy)
+    assert (state.shape, state.outputs) == (lazy.shape, lazy.outputs)
+    expected = PAIR.forward_kinematics(Q, QD)
+    for name, array in state.arrays().items():
+        assert type(array) is np.ndarray
+        assert_close(array, getattr(expected, name))
+    assert lazy.compute(scheduler="synchronous").R2.tolist() == state.R2.tolist()
+    assert state.compute() is state
+    (kept,) = dask.persist(lazy, scheduler="synchronous")
+    assert len(kept.R2.__dask_graph__()) == 3  # chunks
+    assert computed(kept.v2).tolist() == state.v2.tolist()
+    assert dask.base.tokenize(lazy) == dask.base.tokenize(PAIR.forward_kinematics(chunked(Q), chunked(QD)))
 
 
 def test_what_is_sent_to_another_process_is_loaded_once():

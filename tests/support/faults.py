@@ -418,6 +418,18 @@ FAULTS = {
         "times",
         "integration/test_integrate_given.py::test_components_side_by_side_are_refused_at_any_number_of_instants",
     ),
+    "the start of the first motion for all": Fault(
+        "integration/integrate.py",
+        "float(starts[index]) if is_planar else starts[index]",
+        "float(starts.flat[0]) if is_planar else starts[(0,) * len(shape)]",
+        "integration/test_integrate_many.py::test_motions_have_the_bits_of_calls_of_their_own[starts-numpy]",
+    ),
+    "motions counted from the start of their chunk": Fault(
+        "integration/integrate.py",
+        "shown = index if first_motion is None else",
+        "shown = index if True else",
+        "integration/test_dask_integrate.py::test_a_motion_that_fails_names_itself_by_its_index_among_all",
+    ),
     # what an engine alone can do wrong
     "minus one folded away as one": Fault(
         "engine/binding.py",

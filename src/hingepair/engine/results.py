@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from hingepair.numeric.arrays import FloatArray, read_only
+from hingepair.numeric.dask_arrays import DaskCollection, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 
 
-class Results(Shown):
+class Results(DaskCollection, Shown):
     """Results of a call by name: read-only arrays, or arrays of another library.
+
+    `dask.compute` takes results that are Dask arrays as one, and returns them of the same class in memory.
 
     A derived class lists in its `__slots__` the results that are attributes.
 
@@ -41,6 +45,12 @@ class Results(Shown):
     def arrays(self) -> dict[str, FloatArray]:
         """Return the arrays of all outputs by name."""
         return {name: self[name] for name in self._content[0]}
+
+    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        arrays = self.arrays()
+        lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
+        others = {name: None if name in lazy else array for name, array in arrays.items()}
+        return lazy, functools.partial(_results_of, type(self), others, self.shape)
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return an output by its name; outputs that are no attributes of the class are available here only.
@@ -95,6 +105,13 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
             if isinstance(part, np.ndarray):
                 part.flags.writeable = True
     return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
+
+
+def _results_of(
+    kind: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replaced: Mapping[str, Any]
+) -> Results:
+    """Return results of a class from their arrays, some of them replaced."""
+    return kind({**arrays, **replaced}, shape)
 
 
 def _user_view(array: Any) -> Any:

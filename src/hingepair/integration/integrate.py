@@ -2,22 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
-from typing import Any, Final, TypeAlias, overload
+import functools
+from collections.abc import Callable, Mapping, Sequence, Set
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.signals import Signal, read_position, read_signal
+from hingepair.integration.methods import STEP_RULES
+from hingepair.integration.signals import (
+    ConstantSignal,
+    check_finite_values,
+    object_array,
+    read_position,
+    read_signals,
+    values_at,
+)
 from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, solve
-from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, quaternions_to_matrices, rotate_to_world
+from hingepair.integration.trajectory import (
+    STATE_PREFIX,
+    LazyValue,
+    LazyValues,
+    PlanarTrajectory,
+    Trajectory,
+    quaternions_to_matrices,
+    rotate_to_world,
+    trajectory_of_arrays,
+)
+from hingepair.numeric.arrays import (
+    FLOAT64_DTYPE,
+    broadcast_shape,
+    check_choice,
+    finite_number,
+    one_constant,
+    read_only,
+    vectors,
+)
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
-from hingepair.numeric.dask_arrays import holds_dask
+from hingepair.numeric.dask_arrays import holds_dask, lazy_data, over_chunks
 from hingepair.numeric.instants import instants_of
-from hingepair.pair.constants import Constants, check_pair
+from hingepair.pair.constants import Constants, check_one, check_pair
 from hingepair.pair.evaluate import STATES, compute_state
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
@@ -37,10 +63,11 @@ from hingepair.rotations.matrices import check_rotation
 RATE_FRAME_NAMES: Final = ("world", "body")
 """Axes in which omega1 and alpha1 may be given."""
 
+Returned = TypeVar("Returned")
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 """Type of a rate argument: constant, samples, or a callable of an array of times."""
-SignalsByName: TypeAlias = Mapping[str, Signal]
-"""Signals of the rates, by the names of the arguments."""
+SignalsByName: TypeAlias = Mapping[str, NDArray[np.object_]]
+"""Signals of the rates, by the names of the arguments; each an array with a signal for each motion."""
 
 _RATE_ARGUMENT_BY_INPUT: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
@@ -52,6 +79,10 @@ _R1_FORM_BY_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
+_R1_PART_NAMES: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
+"""Name in messages of each part of the argument R1."""
+
+
 @overload
 def integrate(
     pair: HingePair,
@@ -61,7 +92,7 @@ def integrate(
     *,
     R1: Any = ...,
     S1_0: ArrayLike | None = ...,
-    psi_0: float = ...,
+    psi_0: ArrayLike = ...,
     method: str = ...,
     frame: str = ...,
     tol: float | None = ...,
@@ -78,8 +109,8 @@ def integrate(
     psid: RateArgument,
     *,
     R1: Any = ...,
-    phi_0: float = ...,
-    psi_0: float = ...,
+    phi_0: ArrayLike = ...,
+    psi_0: ArrayLike = ...,
     method: str = ...,
     tol: float | None = ...,
     alpha1: RateArgument | None = ...,
@@ -95,8 +126,8 @@ def integrate(
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
-    phi_0: float | None = None,
-    psi_0: float = 0.0,
+    phi_0: ArrayLike | None = None,
+    psi_0: ArrayLike = 0.0,
     method: str = "magnus6",
     frame: str = "world",
     tol: float | None = None,
@@ -117,9 +148,14 @@ def integrate(
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of
     order 4; `dop853` is SciPy's.
 
-    A call integrates one motion. Many motions, such as Dask arrays (motions, N, 3) whose chunks divide the motions
-    and not the time, take a task each: `dask.delayed(hp.integrate)(pair, t, omega1[i], psid[i])` is one lazy
-    trajectory, and `dask.compute(*trajectories)` integrates them on threads, processes or a cluster.
+    Arrays with leading axes are many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1
+    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,), which broadcast against each other. An axis of length 1 in the place
+    of N says that each motion has a constant rate, or a point at rest. A callable, and what has no leading axes, is
+    that of all motions. Each motion has the steps, the bits and the error of a call of its own.
+
+    Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays: one task for each chunk of
+    motions. Chunks along the time are joined, since a motion is integrated as a whole. `trajectory.compute()` returns
+    the trajectory in memory.
 
     Args:
         pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
@@ -130,9 +166,9 @@ def integrate(
         R1: reference point of body 1, world axes [m]: constant, a callable of t, or an array (N, 3); or a tuple
             (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given. Of
             points that move without v1 or a1, v2 or a2 is None.
-        S1_0: attitude of body 1 at t[0]; shape (3, 3); the identity unless given.
-        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; 0 unless given.
-        psi_0: hinge angle at t[0] [rad].
+        S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity unless given.
+        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 unless given.
+        psi_0: hinge angle at t[0] [rad]; shape (...,).
         method: one of the methods above.
         frame: axes of omega1 and alpha1, "world" or "body".
         tol: largest error of the attitude and of psi at any instant [rad]. A callable is evaluated in at least 509
@@ -144,12 +180,14 @@ def integrate(
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (N, 3, 3), `.quat_wxyz` (N, 4), `.psi` (N,) rad, each
-        attribute of its `.state` (`.R2` (N, 3) m, ...), `.error_estimate` and `.psi_error_estimate` rad.
+        A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (..., N, 3, 3), `.quat_wxyz` (..., N, 4), `.psi`
+        (..., N) rad, each attribute of its `.state` (`.R2` (..., N, 3) m, ...), `.error_estimate` and
+        `.psi_error_estimate` (...,) rad; `trajectory[i]` is the trajectory of one motion of many.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (names the first index), or tol is not
-            reached. A value of R1 that is not finite affects its own instant only.
+            reached; names the motion where there are many. A value of R1 that is not finite affects its own instant
+            only.
         GimbalLockError: `euler_angles` came too near to gimbal lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
 
@@ -164,90 +202,309 @@ def integrate(
            [ 0.,  0.,  1.]])
     >>> round(float(motion.psi[-1]), 9)
     1.0
+    >>> many = hp.integrate(pair, t, omega1=(0, 0, 1), psid=[[0.5], [1.0], [2.0]])  # three constant hinge rates
+    >>> many.psi.shape, many[2].psi.shape
+    ((3, 11), (11,))
     """
+    motion = {"omega1": omega1, "psid": psid, "R1": R1, "S1_0": S1_0, "phi_0": phi_0, "psi_0": psi_0}
+    motion |= {"alpha1": alpha1, "psidd": psidd}
+    choices: dict[str, Any] = {"method": method, "frame": frame, "tol": tol, "outputs": outputs, "backend": backend}
+    if holds_dask(t):
+        raise ArgumentError("t", "instants in memory, which all motions share", f"a Dask {type(t).__name__}")
+    t = instants_of("t", t)
+    if holds_dask(motion):
+        return _integrate_lazily(pair, t, motion, choices)
+    request = _read_request(pair, t, **motion, **choices)
+    return _make_trajectory(request, _each_motion(request, _solve_motion))
+
+
+class _Request(NamedTuple):
+    """Checked arguments of `integrate`."""
+
+    pair: Any
+    options: SolveOptions
+    signals: SignalsByName
+    points: Mapping[str, NDArray[Any]]  # R1, v1, a1, as far as they are known; (k,), (..., 1, k) or (..., N, k)
+    start: Array  # attitudes S1_0 (..., 3, 3), in the plane angles phi_0 (...,) [rad]
+    psi_0: Array  # hinge angles at t[0] [rad]; shape (...,)
+    motions: tuple[int, ...]  # leading shape of the motions; () for one motion
+    plan: Plan  # of the outputs
+
+
+def _read_request(
+    pair: Any,
+    t: Array,
+    *,
+    omega1: Any,
+    psid: Any,
+    R1: Any,
+    S1_0: Any,
+    phi_0: Any,
+    psi_0: Any,
+    alpha1: Any,
+    psidd: Any,
+    method: str,
+    frame: str,
+    tol: float | None,
+    outputs: Outputs,
+    backend: str,
+) -> _Request:
+    """Check the arguments of `integrate`, and return them as signals and arrays."""
     check_choice("method", method, METHOD_NAMES)
     check_choice("frame", frame, RATE_FRAME_NAMES)
-    for name, value in (
-        ("t", t),
-        ("omega1", omega1),
-        ("psid", psid),
-        ("R1", R1),
-        ("alpha1", alpha1),
-        ("psidd", psidd),
-    ):
-        if holds_dask(value):
-            expected = (
-                "an array in memory, since integrate takes one whole motion "
-                "(dask.delayed(hp.integrate)(pair, t, omega1, psid) integrates it in one task)"
-            )
-            raise ArgumentError(name, expected, f"a Dask {type(value).__name__}")
-    t = instants_of("t", t)
     execution = execution_of(backend, 1)
+    if tol is not None and not finite_number("tol", tol) > 0:
+        raise ArgumentError("tol", "a positive number", tol)
     options = SolveOptions(t, method, tol, execution, frame == "body")
-    hinge = finite_number("psi_0", psi_0)
+    psi_0 = _read_constants("psi_0", psi_0)
     is_planar = isinstance(pair, PlanarPair)
-    start: Array | float
     if is_planar:
         if S1_0 is not None:
             raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
-        start = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
+        check_choice("method", method, tuple(STEP_RULES))
+        start = _read_constants("phi_0", 0.0 if phi_0 is None else phi_0)
     else:
         check_pair(pair)
         if phi_0 is not None:
             raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
-        start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
-        check_rotation("S1_0", start)
+        start = _read_constants("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
     values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
-    rates = {
-        name: read_signal(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,), execution)
+    signals = {
+        name: read_signals(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,), execution)
         for name, value in values.items()
         if value is not None or name in {"omega1", "psid"}
     }
     size = 2 if is_planar else 3
-    point = read_position(np.zeros(size) if R1 is None else R1, t, size)
-    solution = solve(options, rates["omega1"], rates["psid"], start, hinge)
-    solution.check_tolerance(options)
-    state = _compute_state(pair, options, solution, rates, point, outputs)
-    orientations, positions = (
-        read_only(solution.orientations),
-        read_only(np.broadcast_to(point["R1"], (len(t), size))),
-    )
-    fields = {"phi": orientations} if is_planar else {"quat_wxyz": orientations, "R1": positions, "pair": pair}
+    points = read_position(np.zeros(size) if R1 is None else R1, t, size)
+    shapes = {name: array.shape for name, array in signals.items()}
+    shapes |= {name: points[key].shape[:-2] for key, name in _R1_PART_NAMES.items() if key in points}
+    shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
+    motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
+    kind = PLANAR_MOTION if is_planar else SPATIAL_MOTION
+    plan = _make_integration_plan(pair.constants, outputs, signals.keys() | points.keys(), kind)
+    return _Request(pair, options, signals, points, start, psi_0, motions, plan)
+
+
+def _read_constants(name: str, value: Any, *tail: int) -> Array:
+    """Read a value at t[0], of one motion `tail` or of many (..., *tail), as a float64 array."""
+    if np.ndim(value) == 0 and not tail:
+        return np.array(finite_number(name, value))
+    return vectors(name, value, *tail).astype(np.float64)
+
+
+def _name_of_motion(name: str, index: Sequence[int]) -> str:
+    """Return the name of an argument of one motion for messages: with the motion's index, where there are many.
+
+    >>> _name_of_motion("psi_0", ()), _name_of_motion("psi_0", (3,)), _name_of_motion("psi_0", (2, 5))
+    ('psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)')
+    """
+    return f"{name} of motion {index[0] if len(index) == 1 else tuple(index)}" if len(index) else name
+
+
+class _Motion(NamedTuple):
+    """One motion of a request."""
+
+    signals: Mapping[str, Any]  # of its rates
+    start: Any  # attitude (3, 3), in the plane an angle [rad]
+    psi_0: float  # rad
+
+
+def _each_motion(
+    request: _Request,
+    function: Callable[[_Request, _Motion], Returned],
+    first_motion: tuple[int, ...] | None = None,
+) -> list[Returned]:
+    """Return the results of a function for each motion, in C order of their indices.
+
+    Args:
+        request: the motions.
+        function: takes the request and one of its motions.
+        first_motion: index that messages give the first motion; zeros unless given.
+
+    Raises:
+        ArgumentError, GimbalLockError: a motion cannot be used; of many motions the error names the motion.
+    """
+    shape, is_planar = request.motions, isinstance(request.pair, PlanarPair)
+    signals: dict[str, Any] = {name: np.broadcast_to(array, shape) for name, array in request.signals.items()}
+    starts = np.broadcast_to(request.start, shape + (() if is_planar else (3, 3)))
+    psi_0 = np.broadcast_to(request.psi_0, shape)
+    results = []
+    for index in np.ndindex(shape):
+        own = {name: array[index] for name, array in signals.items()}
+        start = float(starts[index]) if is_planar else starts[index]
+        try:
+            results.append(function(request, _Motion(own, start, float(psi_0[index]))))
+        except ArgumentError as error:
+            if not shape:
+                raise
+            shown = index if first_motion is None else tuple(np.add(first_motion, index).tolist())
+            raise type(error)(_name_of_motion(error.name, shown), error.expected, error.got) from None
+    return results
+
+
+def _check_motion(request: _Request, motion: _Motion) -> None:
+    """Refuse a motion whose numbers are not finite, or whose start is no rotation."""
+    for name, signal in motion.signals.items():
+        check_finite_values(name, signal)
+    finite_number("psi_0", motion.psi_0)
+    if isinstance(request.pair, PlanarPair):
+        finite_number("phi_0", motion.start)
+    else:
+        check_rotation("S1_0", one_constant("S1_0", motion.start, 3, 3))
+
+
+def _solve_motion(request: _Request, motion: _Motion) -> Solution:
+    """Check and solve one motion (E12)."""
+    _check_motion(request, motion)
+    solution = solve(request.options, motion.signals["omega1"], motion.signals["psid"], motion.start, motion.psi_0)
+    solution.check_tolerance(request.options)
+    return solution
+
+
+def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
+    """Return the trajectory of all motions from their solutions, with the state of the pair."""
+    t, motions = request.options.t, request.motions
+    is_planar = isinstance(request.pair, PlanarPair)
+    orientations = _stacked([one.orientations for one in solutions], motions, (len(t),) if is_planar else (len(t), 4))
+    psi = _stacked([one.psi for one in solutions], motions, (len(t),))
+    state = _compute_state(request, orientations, psi)
+    R1 = np.broadcast_to(request.points["R1"], (*motions, len(t), 2 if is_planar else 3))
+    steps = [one.steps for one in solutions]
+    values: dict[str, Any] = {"steps": _stacked(steps, motions, (), np.dtype(np.int64)) if motions else steps[0]}
+    values |= {"phi": orientations} if is_planar else {"quat_wxyz": orientations, "R1": read_only(R1)}
+    values |= {} if is_planar else {"pair": request.pair}
     return (PlanarTrajectory if is_planar else Trajectory)(
-        t=read_only(t), psi=read_only(solution.psi), state=state, method=method, steps=solution.steps,
-        _error=solution.error, _psi_error=solution.psi_error, **fields,
+        t=read_only(t), psi=psi, state=state, method=request.options.method,
+        _error=_lazy_errors([one.error for one in solutions], motions),
+        _psi_error=_lazy_errors([one.psi_error for one in solutions], motions), **values,
     )  # fmt: skip
 
 
-def _compute_state(
-    pair: Any,
-    options: SolveOptions,
-    solution: Solution,
-    rates: SignalsByName,
-    R1_motion: Mapping[str, NDArray[Any]],
-    outputs: Outputs,
-) -> Any:
-    """Return the state of a pair at the instants, from the solution, the rates and the motion of R1."""
-    kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
-    plan = _make_integration_plan(pair.constants, outputs, rates.keys() | R1_motion.keys(), kind)
+def _stacked(
+    rows: Sequence[Any], motions: tuple[int, ...], tail: tuple[int, ...], dtype: np.dtype[Any] = FLOAT64_DTYPE
+) -> NDArray[Any]:
+    """Return the results of motions, each of shape `tail`, as one read-only array; of one motion without a copy."""
+    if not motions:
+        return read_only(np.asarray(rows[0]))
+    array = np.empty((len(rows), *tail), dtype)
+    for index, row in enumerate(rows):
+        array[index] = row
+    return read_only(array.reshape(motions + tail))
+
+
+def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
+    """Return the error of one motion, or those of many."""
+    return LazyValues(object_array(motions, errors)) if motions else errors[0]
+
+
+def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
+    """Compute the state of the pair at the instants of all motions."""
+    options, plan = request.options, request.plan
+    shape = psi.shape
     if not plan.outputs:
-        return STATES[kind]({}, options.t.shape)
-    S1 = None if kind is PLANAR_MOTION else quaternions_to_matrices(solution.orientations)
+        return STATES[plan.kind]({}, shape)
+    S1: Any = None if plan.kind is PLANAR_MOTION else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {
-        **R1_motion,
-        "psi": solution.psi,
-        **({"phi1": solution.orientations} if S1 is None else {"S1": S1}),
+        **request.points,
+        "psi": psi,
+        **({"phi1": orientations} if S1 is None else {"S1": S1}),
     }
     for name in plan.inputs & _RATE_ARGUMENT_BY_INPUT.keys():
-        values = rates[_RATE_ARGUMENT_BY_INPUT[name]].values_at(options.t)
-        inputs[name] = (
-            rotate_to_world(S1, values)
-            if options.omega_in_body_axes and S1 is not None and values.ndim == 2
-            else values
-        )
+        argument = _RATE_ARGUMENT_BY_INPUT[name]
+        is_vector = S1 is not None and argument in {"omega1", "alpha1"}
+        values = values_at(request.signals[argument], options.t, (3,) if is_vector else ())
+        inputs[name] = rotate_to_world(S1, values) if options.omega_in_body_axes and is_vector else values
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
-    return compute_state(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
+    return compute_state(request.pair.constants, plan, inputs, {"t": shape}, execution=options.execution)
+
+
+def _integrate_lazily(pair: Any, t: Array, motion: Mapping[str, Any], choices: Mapping[str, Any]) -> Any:
+    """Return the trajectory of Dask arrays, whose arrays are lazy: one task for each chunk of motions."""
+    is_planar = isinstance(pair, PlanarPair)
+    if not is_planar:
+        check_pair(pair)
+    check_one(pair, " beside Dask arrays")
+    execution_of(choices["backend"], 1)
+    R1, point, vector = motion["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
+    tails: dict[str, Any] = {
+        **{name: _shape_of_one(motion[name], len(t), vector) for name in ("omega1", "alpha1")},
+        **{name: _shape_of_one(motion[name], len(t), ()) for name in ("psid", "psidd")},
+        "R1": _shape_of_one(R1, len(t), point),
+        **{"S1_0": (3, 3), "phi_0": (), "psi_0": ()},
+    }
+    if isinstance(R1, tuple) and len(R1) and np.ndim(R1[0]) > 0:
+        tails["R1"] = [_shape_of_one(part, len(t), point) for part in R1]
+    arguments = {"pair": pair, "t": t, **motion, **choices}
+    arrays = over_chunks(_integrate_chunk, arguments, tails, template_of=_template, index_name="first_motion")
+    errors = over_chunks(_estimate_errors, arguments, tails, template_of=_error_template, index_name="first_motion")
+    arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
+    values = {"t": read_only(t), "method": choices["method"]} | ({} if is_planar else {"pair": pair})
+    make_state = functools.partial(STATES[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape)
+    return trajectory_of_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
+
+
+def _shape_of_one(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of an argument of one motion: that of one value, or of values at 1 or at all instants."""
+    shape = tuple(getattr(lazy_data(value), "shape", ()))
+    if shape == value_shape:
+        return value_shape
+    is_constant = shape[len(shape) - 1 - len(value_shape) :] == (1, *value_shape)
+    return (1 if is_constant else instant_count, *value_shape)
+
+
+def _integrate_chunk(first_motion: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
+    """Integrate a chunk of motions, and return the arrays of their trajectory by name.
+
+    Args:
+        first_motion: index of the chunk's first motion among all, for messages; None where it is not known.
+        arguments: of `integrate`.
+    """
+    request = _read_request(**arguments)
+    return _arrays_of_trajectory(_make_trajectory(request, _each_motion(request, _solve_motion, first_motion)))
+
+
+def _estimate_errors(first_motion: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
+    """Integrate a chunk of motions, and return both estimates of the error of each; shape (...,) rad."""
+    request = _read_request(**arguments | {"outputs": ()})
+    trajectory = _make_trajectory(request, _each_motion(request, _solve_motion, first_motion))
+    return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
+
+
+def _template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:
+    """Check all arguments, and return arrays of the shapes and dtypes that `_integrate_chunk` returns for them.
+
+    Only the first instant is integrated, which takes no step.
+    """
+    request = _read_request(**arguments)
+    _each_motion(request, _check_motion)
+    t = request.options.t
+    signals = {
+        name: object_array(array.shape, [ConstantSignal(one.values_at(t[:1])[0]) for one in array.ravel()])
+        for name, array in request.signals.items()
+    }
+    points = {name: array if array.ndim == 1 else array[..., :1, :] for name, array in request.points.items()}
+    request = request._replace(options=request.options._replace(t=t[:1]), signals=signals, points=points)
+    arrays = _arrays_of_trajectory(_make_trajectory(request, _each_motion(request, _solve_motion, first_motion)))
+    count = len(request.motions)
+    steps = {"steps": arrays.pop("steps")}
+    return steps | {
+        name: np.broadcast_to(array, (*array.shape[:count], len(t), *array.shape[count + 1 :]))
+        for name, array in arrays.items()
+    }
+
+
+def _error_template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
+    """Return arrays of the shapes and dtypes that `_estimate_errors` returns."""
+    shape = _read_request(**arguments | {"outputs": ()}).motions
+    return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}
+
+
+def _arrays_of_trajectory(trajectory: Any) -> dict[str, NDArray[Any]]:
+    """Return all arrays of a trajectory but t by name, those of its state with a prefix."""
+    names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
+    arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
+    return arrays | {STATE_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:

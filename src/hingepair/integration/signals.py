@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -127,28 +127,63 @@ def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tupl
 Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 
 
-def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution) -> Signal:
-    """Return an argument as a signal: a callable of t, a constant of `value_shape`, or samples at the instants t.
+def read_signals(
+    name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution
+) -> NDArray[np.object_]:
+    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one.
+
+    A rate is a callable of t, a value of shape `value_shape`, or samples at the instants t. The rate of many motions
+    is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each motion is constant.
 
     Raises:
-        ShapeError, DtypeError: the value is none of these.
-        ArgumentError: a number is not finite; names the index of the first.
+        ShapeError, DtypeError, ArgumentError: the value is none of these. Whether numbers are finite is not checked.
     """
     if value is None:
         raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     if callable(value):
-        return CallableSignal(name, value, value_shape)
+        return object_array((), [CallableSignal(name, value, value_shape)])
     array = real_array(name, value).astype(np.float64)
-    if array.shape not in {value_shape, t.shape + value_shape}:
-        shapes = f"a callable, a constant of shape {value_shape}, or samples of shape {t.shape + value_shape}"
-        many = array.shape[1:] == t.shape + value_shape
-        got = f"{len(array)} motions of that shape; integrate each by a call of its own" if many else None
-        raise ShapeError(name, shapes, got or f"shape {array.shape}")
-    if not np.isfinite(array).all():
-        first = _first_not_finite(array.reshape(-1, *value_shape))
-        where = f" at index {first}" if array.shape != value_shape else ""
-        raise ArgumentError(name, "finite numbers", f"{array.reshape(-1, *value_shape)[first]}{where}")
-    return ConstantSignal(array) if array.shape == value_shape else SampledSignal(t, array, execution)
+    motions_shape, instant_count = _split_shape(array.shape, value_shape)
+    is_constant = array.shape == value_shape
+    if instant_count not in {1, len(t)} or array.shape[array.ndim - len(value_shape) :] != value_shape:
+        samples = ", ".join(map(str, ("...", len(t), *value_shape)))
+        expected = f"a callable, a constant of shape {value_shape}, or samples of shape ({samples})"
+        raise ShapeError(name, expected, f"shape {array.shape}")
+    rows = array.reshape(*motions_shape, instant_count, *value_shape)
+    are_constant = is_constant or instant_count < len(t)
+    signals = [
+        ConstantSignal(rows[index][0]) if are_constant else SampledSignal(t, rows[index], execution)
+        for index in np.ndindex(motions_shape)
+    ]
+    return object_array(motions_shape, signals)
+
+
+def check_finite_values(name: str, signal: Signal) -> None:
+    """Refuse a signal of one motion whose constant or samples are not finite; the error names the first index."""
+    if isinstance(signal, ConstantSignal) and not np.isfinite(signal.value).all():
+        raise ArgumentError(name, "finite numbers", f"{signal.value}")
+    if isinstance(signal, SampledSignal) and not np.isfinite(signal.values).all():
+        first = _first_not_finite(signal.values)
+        raise ArgumentError(name, "finite numbers", f"{signal.values[first]} at index {first}")
+
+
+def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
+    """Return the leading shape of the motions, and the number of instants, from the shape of samples or a value."""
+    leading = shape[: len(shape) - len(value_shape)]
+    return leading[:-1], leading[-1] if leading else 1
+
+
+def object_array(shape: tuple[int, ...], values: Sequence[Any]) -> NDArray[np.object_]:
+    """Return values as an array of objects of a shape, in C order."""
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array.reshape(shape)
+
+
+def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ...]) -> Array:
+    """Return the values of the signals of all motions at their instants t; shape (..., N, *value_shape)."""
+    rows = [signal.values_at(t) for signal in signals.ravel()]
+    return rows[0] if signals.shape == () else np.array(rows).reshape(*signals.shape, len(t), *value_shape)
 
 
 def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
@@ -177,10 +212,10 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 
 
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return R1 and, where they are known, v1 and a1, by name; each of shape (dimension,) or (N, dimension).
+    """Return R1 and, where they are known, v1 and a1, by name; shape (dimension,), (..., 1 or N, dimension).
 
-    R1 is one point, which stays where it is; a point for each instant; a tuple (R1, v1) or (R1, v1, a1); or a
-    callable of t that returns one of these.
+    R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
+    N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
 
     Raises:
         ShapeError, DtypeError, ArgumentError: R1 is none of these.
@@ -200,17 +235,21 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
     point = _read_points(name, R1, t, times, dimension)
-    if point.ndim == 1:
+    if point.ndim == 1 or point.shape[-2] < len(t):
         return {"R1": point, "v1": np.zeros(dimension), "a1": np.zeros(dimension)}
     return {"R1": point}
 
 
 def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
-    """Return points as an array, (dimension,) or (N, dimension); `times` begins with the N instants t."""
+    """Return points as an array, (dimension,), (..., 1, dimension) or (..., N, dimension).
+
+    `times` begins with the N instants t. A point at rest has the first or the second shape.
+    """
     points = real_array(name, value)
-    if points.shape not in {(dimension,), (len(times), dimension)}:
-        raise ShapeError(name, f"shape ({dimension},) or {(len(times), dimension)}", f"shape {points.shape}")
-    return points if points.ndim == 1 else points[: len(t)]
+    if points.shape[-1:] != (dimension,) or _split_shape(points.shape, (dimension,))[1] not in {1, len(times)}:
+        expected = f"shape ({dimension},) or (..., {len(times)}, {dimension})"
+        raise ShapeError(name, expected, f"shape {points.shape}")
+    return points if points.ndim == 1 else points[..., : len(t), :]
 
 
 def _first_not_finite(values: Array) -> int:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from inspect import Signature
-from typing import Any
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
+from hingepair.numeric.dask_arrays import DaskCollection, holds_dask, over_chunks
 from hingepair.numeric.tables import instant_text
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
@@ -54,8 +56,36 @@ class LazyValue:
         return LazyValue, (None, self())
 
 
+class LazyValues:
+    """Numbers of many motions; each is computed when it is needed for the first time.
+
+    Args:
+        values: the `LazyValue` of each motion; shape (...,).
+    """
+
+    __slots__ = ("_values",)
+
+    def __init__(self, values: NDArray[np.object_]) -> None:
+        self._values = values
+
+    def __call__(self) -> NDArray[np.float64]:
+        """Return the numbers of all motions as a read-only array; shape (...,)."""
+        numbers = np.array([value() for value in self._values.ravel()], np.float64)
+        return read_only(numbers.reshape(self._values.shape))
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether all numbers have been computed already."""
+        return all(value.is_computed for value in self._values.ravel())
+
+    def __getitem__(self, index: tuple[int | slice, ...]) -> LazyValue | LazyValues:
+        """Return the lazy number of one motion, or those of some motions."""
+        selected = self._values[index]
+        return LazyValues(selected) if isinstance(selected, np.ndarray) else selected
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class _TrajectoryBase(Frozen, Result):
+class _TrajectoryBase(DaskCollection, Frozen, Result):
     """Base of trajectories: instants, psi, method, error estimates, and access to the attributes of the state."""
 
     __signature__ = (
@@ -64,24 +94,86 @@ class _TrajectoryBase(Frozen, Result):
 
     t: NDArray[np.float64]
     psi: NDArray[np.float64]
+    state: Any
     method: str
-    steps: int
-    _error: LazyValue
-    _psi_error: LazyValue
+    steps: Any
+    _error: Any
+    _psi_error: Any
 
     @property
     def described(self) -> str:
         """Text that names the method, for titles."""
         return f"motion by {self.method}"
 
+    @property
+    def motions(self) -> tuple[int, ...]:
+        """Leading shape of the motions; () for one motion."""
+        shape: tuple[int, ...] = self.psi.shape[:-1]
+        return shape
+
+    def __getitem__(self, index: int | slice | tuple[int | slice, ...]) -> Self:
+        """Return one motion, or some, of a trajectory of many motions; no array is copied.
+
+        Args:
+            index: indices or slices of the leading axes, those of the motions.
+
+        Raises:
+            ArgumentError: it is one motion already, or the index is of another kind.
+            IndexError: there is no such motion.
+        """
+        key = index if isinstance(index, tuple) else (index,)
+        is_index = all(isinstance(one, int | np.integer | slice) and not isinstance(one, bool) for one in key)
+        if not is_index or len(key) > len(self.motions):
+            expected = f"indices or slices of the {len(self.motions)} axes of motions"
+            raise ArgumentError("index of the trajectory", expected, quoted(index))
+        psi = self.psi[key]
+        state = type(self.state)({name: array[key] for name, array in self.state.arrays().items()}, psi.shape)
+        names = {one.name for one in fields(self)} & {"quat_wxyz", "R1", "phi", "_error", "_psi_error"}
+        steps = self.steps[key]
+        values = {name: getattr(self, name)[key] for name in names}
+        steps = int(steps) if isinstance(steps, np.integer) else steps
+        return replace(self, psi=psi, state=state, steps=steps, **values)
+
+    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        state = values.pop("state")
+        lazy = {name: value for name, value in values.items() if holds_dask(value)}
+        others = {name: value for name, value in values.items() if name not in lazy}
+        outputs, make_state = state._dask_parts()
+        lazy |= {STATE_PREFIX + name: array for name, array in outputs.items()}
+        return lazy, functools.partial(trajectory_of_arrays, type(self), others, make_state)
+
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...)."""
+        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...).
+
+        Raises:
+            ArgumentError: these are many motions, or their arrays are Dask arrays.
+        """
+        if self.motions:
+            expected = "one motion, such as trajectory[0] (of many: trajectory.to_xarray())"
+            raise ArgumentError("trajectory", expected, f"motions of shape {self.motions}")
+        if holds_dask(self.psi):
+            raise ArgumentError("trajectory", "a motion in memory, such as trajectory.compute()", "Dask arrays")
+        return self._arrays()
+
+    def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
+        count = len(self.motions)
+        if not count and not holds_dask(self.psi):
+            return ("time",), self.recorded()
+        motion_axes = tuple(f"motion_{axis}" for axis in range(count)) if count > 1 else ("motion",) * count
+        return (*motion_axes, "time"), self._arrays()
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (..., N, ...)."""
         names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
         return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
 
     @property
-    def error_estimate(self) -> float:
+    def error_estimate(self) -> Any:
         """Error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding included.
+
+        Of many motions it is an array with a number for each, shape (...,). Of Dask arrays it is a lazy array, whose
+        tasks integrate the motions again.
 
         `psi_error_estimate` is the error of psi. The estimate is computed at the first access. It is within a few per
         cent of the error where the rates are smooth and rounding is small; where a callable jumps or bends within a
@@ -98,12 +190,12 @@ class _TrajectoryBase(Frozen, Result):
         Noise in the arguments is not part of it, nor are stamps whose rounding drifts too slowly to be seen in so
         few samples, nor motion in a gap or faster than two samples a period that leaves no trace in the samples.
         """
-        return self._error()
+        return self._error() if isinstance(self._error, LazyValue | LazyValues) else self._error
 
     @property
-    def psi_error_estimate(self) -> float:
+    def psi_error_estimate(self) -> Any:
         """Error of the hinge angle psi at the worst instant [rad], estimated as `error_estimate` is."""
-        return self._psi_error()
+        return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -112,10 +204,15 @@ class _TrajectoryBase(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
-        t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))
-        estimate = f", error_estimate={error():.2g}" if error.is_computed else ""
+        t, method, steps, error, psi = (
+            object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error", "psi")
+        )
+        computed = isinstance(error, LazyValue | LazyValues) and error.is_computed and psi.size > 0
+        estimate = f", error_estimate={np.max(error()):.2g}" if computed else ""
         names = ", ".join(object.__getattribute__(self, "state").outputs)
-        return f"{type(self).__name__}({method}, steps={steps}, {describe_instants(t)}{estimate}, outputs=({names}))"
+        motions = f"motions={psi.shape[:-1]}, " if psi.ndim > 1 else ""
+        counts = f"steps={_describe_steps(steps)}, {motions}{describe_instants(t)}{estimate}"
+        return f"{type(self).__name__}({method}, {counts}, outputs=({names}))"
 
     def _named(self) -> Iterable[str]:
         return dir(object.__getattribute__(self, "state"))
@@ -125,15 +222,18 @@ class _TrajectoryBase(Frozen, Result):
 class Trajectory(_TrajectoryBase):
     """The motion of a pair, as `integrate` returns it (E12); also has every attribute of its state (R2, S2, v2, ...).
 
+    A trajectory of many motions has arrays with leading axes, `motions` long: `trajectory[3]` is one of them,
+    `trajectory[:10]` are some, and `to_xarray` labels all. Files, tables and plots take one motion.
+
     Attributes:
         t: the instants [s]; shape (N,).
-        quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (N, 4).
-        psi: hinge angle [rad]; shape (N,).
-        R1: reference point of body 1, world axes [m]; shape (N, 3).
+        quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (..., N, 4).
+        psi: hinge angle [rad]; shape (..., N).
+        R1: reference point of body 1, world axes [m]; shape (..., N, 3).
         state: the PairState at the instants.
         pair: the pair that moves.
         method: the method.
-        steps: number of steps; 0 where SciPy chose them.
+        steps: number of steps, of many motions an array (...,); 0 where SciPy chose them.
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -143,14 +243,18 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
-        """Attitude of body 1 with the scalar last; shape (N, 4)."""
-        return np.roll(self.quat_wxyz, -1, axis=-1)
+        """Attitude of body 1 with the scalar last; shape (..., N, 4)."""
+        return self.quat_wxyz[..., [1, 2, 3, 0]]
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation of body 1, body to world; shape (N, 3, 3)."""
+        """Rotation of body 1, body to world; shape (..., N, 3, 3)."""
         S1 = self.state.S1
-        return read_only(quaternions_to_matrices(self.quat_wxyz)) if S1 is None else S1
+        if S1 is not None:
+            return S1
+        if holds_dask(self.quat_wxyz):
+            return over_chunks(quaternions_to_matrices, {"quat_wxyz": self.quat_wxyz}, {"quat_wxyz": (4,)})
+        return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
         """Return the Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
@@ -163,10 +267,10 @@ class Trajectory(_TrajectoryBase):
             sequence: one of 24, as SciPy writes them; angles in the order of its letters.
 
         Returns:
-            Angles [rad]; shape (N, 3).
+            Angles [rad]; shape (..., N, 3).
 
         Raises:
-            ArgumentError: another body, an unknown sequence, or S2 was not computed.
+            ArgumentError: another body, an unknown sequence, S2 was not computed, or the arrays are Dask arrays.
         """
         check_choice("sequence", sequence, SEQUENCES)
         if body not in {1, 2}:
@@ -181,17 +285,67 @@ class Trajectory(_TrajectoryBase):
 class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair, as `integrate` returns it (E11, E12); also has every attribute of its state.
 
+    A trajectory of many motions has arrays with leading axes, as a `Trajectory` of many has.
+
     Attributes:
         t: the instants [s]; shape (N,).
-        phi: angle of body 1 [rad]; shape (N,). That of body 2 is `phi2`.
-        psi: hinge angle [rad]; shape (N,).
+        phi: angle of body 1 [rad]; shape (..., N). That of body 2 is `phi2`.
+        psi: hinge angle [rad]; shape (..., N).
         state: the PlanarState at the instants.
         method: the method.
-        steps: number of steps.
+        steps: number of steps, of many motions an array (...,).
     """
 
     phi: NDArray[np.float64]
     state: PlanarState
+
+
+STATE_PREFIX: Final = "state."
+"""Prefix of the names of a state's outputs among the arrays of a trajectory."""
+
+_ERROR_FIELDS = {"_error", "_psi_error"}  # names of the fields that hold errors
+
+
+def trajectory_of_arrays(
+    kind: type[_TrajectoryBase],
+    values: Mapping[str, Any],
+    make_state: Callable[[Mapping[str, Any]], Any],
+    arrays: Mapping[str, Any],
+) -> Any:
+    """Return a trajectory from NumPy or Dask arrays.
+
+    Args:
+        kind: class of the trajectory.
+        values: its attributes that are no such arrays, by name.
+        make_state: function of the outputs by name that returns the state.
+        arrays: the arrays of the attributes by name; of the outputs of the state the names have STATE_PREFIX.
+    """
+    outputs = {name.removeprefix(STATE_PREFIX): a for name, a in arrays.items() if name.startswith(STATE_PREFIX)}
+    own = {name: array for name, array in arrays.items() if not name.startswith(STATE_PREFIX)}
+    if not holds_dask(own):
+        errors = {name: _computed_errors(np.asarray(own.pop(name))) for name in own.keys() & _ERROR_FIELDS}
+        own = {name: read_only(np.asarray(array)) for name, array in own.items()} | errors
+        own |= {"steps": int(own["steps"])} if np.ndim(own.get("steps", ())) == 0 else {}
+    return kind(**{**values, **own, "state": make_state(outputs)})
+
+
+def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
+    """Return computed errors as a trajectory holds them: of one motion a LazyValue, of many LazyValues."""
+    values = np.empty(errors.shape, object)
+    for index in np.ndindex(errors.shape):
+        values[index] = LazyValue(None, float(errors[index]))
+    return LazyValues(values) if values.ndim else LazyValue(None, float(errors))
+
+
+def _describe_steps(steps: Any) -> str:
+    """Return the number of steps as text: of many motions the range, of Dask arrays a word.
+
+    >>> _describe_steps(np.array([12, 40])), _describe_steps(7)
+    ('12..40', '7')
+    """
+    if not isinstance(steps, np.ndarray):
+        return str(steps) if isinstance(steps, int) else "not computed"
+    return f"{steps.min()}..{steps.max()}" if steps.size else "0"
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:
@@ -204,7 +358,7 @@ def describe_instants(t: NDArray[np.float64]) -> str:
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrices (N, 3, 3) of unit quaternions (N, 4), scalar first; orthonormal to 4 u."""
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first; orthonormal to 4 u."""
     parts = {"q": components_of(quat_wxyz)}
     return tabulate_one(
         lambda v: _orthonormalized(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64)
@@ -221,21 +375,22 @@ def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
 
 
 def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotate vectors (N, 3) from body 1's axes to the world's by attitudes S1 (N, 3, 3)."""
+    """Rotate vectors (..., 3) from body 1's axes to the world's by attitudes S1 (..., 3, 3)."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
+    """Return Euler angles (..., N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
     each pair of neighbours is decided on its own: stay, or change to the other triple.
     """
-    other = np.stack([phi[:, 0] + np.pi, (0.0 if proper else np.pi) - phi[:, 1], phi[:, 2] + np.pi], axis=-1)
-    steps = (np.remainder(kind[1:] - phi[:-1] + np.pi, 2 * np.pi) - np.pi for kind in (phi, other))
-    stay, change = (np.abs(step).sum(axis=1) for step in steps)
-    changed = np.concatenate([[0], np.cumsum(change < stay)]) % 2 == 1
-    chosen = np.where(changed[:, None], other, phi)
-    return np.unwrap(chosen, axis=0)
+    other = np.stack([phi[..., 0] + np.pi, (0.0 if proper else np.pi) - phi[..., 1], phi[..., 2] + np.pi], axis=-1)
+    before = phi[..., :-1, :]
+    steps = (np.remainder(kind[..., 1:, :] - before + np.pi, 2 * np.pi) - np.pi for kind in (phi, other))
+    stay, change = (np.abs(step).sum(axis=-1) for step in steps)
+    first = np.zeros((*phi.shape[:-2], 1), int)
+    changed = np.concatenate([first, np.cumsum(change < stay, axis=-1)], axis=-1) % 2 == 1
+    return np.unwrap(np.where(changed[..., None], other, phi), axis=-2)

@@ -6,6 +6,7 @@ Nothing here imports Dask before an argument holds a Dask array.
 from __future__ import annotations
 
 import functools
+import importlib
 import itertools
 import math
 import pickle
@@ -66,6 +67,102 @@ def _is_table(value: Any) -> bool:
     return type(value).__module__.startswith("dask.dataframe") and hasattr(value, "columns")
 
 
+class DaskCollection:
+    """Base class of results that `dask.compute` and `dask.persist` take whole where their arrays are Dask arrays."""
+
+    __slots__ = ()
+
+    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        """Return the Dask arrays by name, and a function that makes the result of other arrays of these names.
+
+        The function can be pickled, and holds no Dask array.
+        """
+        raise NotImplementedError
+
+    def _dask_arrays(self) -> list[Any]:
+        return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
+
+    def compute(self, **options: Any) -> Any:
+        """Return the result with NumPy arrays, all computed by Dask in one go; `options` are those of `dask.compute`.
+
+        A result that holds no Dask arrays is returned as it is.
+        """
+        if not self._dask_arrays():
+            return self
+        import dask
+
+        (result,) = dask.compute(self, **options)
+        return result
+
+    def __dask_graph__(self) -> Any:
+        arrays = self._dask_arrays()
+        if not arrays:
+            return None
+        from dask.highlevelgraph import HighLevelGraph
+
+        return HighLevelGraph.merge(*(array.__dask_graph__() for array in arrays))
+
+    def __dask_keys__(self) -> list[Any]:
+        return [array.__dask_keys__() for array in self._dask_arrays()]
+
+    def __dask_layers__(self) -> tuple[str, ...]:
+        return tuple(itertools.chain.from_iterable(array.__dask_layers__() for array in self._dask_arrays()))
+
+    def __dask_tokenize__(self) -> Any:
+        from dask.base import normalize_token
+
+        parts, _ = self._dask_parts()
+        return type(self).__name__, normalize_token(dict(parts)) if parts else id(self)
+
+    @staticmethod
+    def __dask_optimize__(graph: Any, keys: Any, **options: Any) -> Any:
+        from dask.array.optimization import optimize
+
+        return optimize(graph, keys, **options)
+
+    @staticmethod
+    def __dask_scheduler__(*arguments: Any, **options: Any) -> Any:
+        from dask.threaded import get
+
+        return get(*arguments, **options)
+
+    def __dask_postcompute__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        arrays, rebuild = self._dask_parts()
+        finalizers = [array.__dask_postcompute__() for array in arrays.values()]
+        return _finalize_parts, (tuple(arrays), finalizers, rebuild)
+
+    def __dask_postpersist__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        arrays, rebuild = self._dask_parts()
+        rebuilders = [(array.__dask_keys__(), *array.__dask_postpersist__()) for array in arrays.values()]
+        return _rebuild_persisted, (tuple(arrays), rebuilders, rebuild)
+
+
+def _finalize_parts(
+    results: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], rebuild: Callable[..., Any]
+) -> Any:
+    """Return a result of the computed blocks of each of its arrays."""
+    parts = zip(results, finalizers, strict=True)
+    arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
+    return rebuild(dict(zip(names, arrays, strict=True)))
+
+
+def _rebuild_persisted(
+    graph: Mapping[Any, Any],
+    names: Sequence[str],
+    rebuilders: Sequence[Any],
+    rebuild: Callable[..., Any],
+    **options: Any,
+) -> Any:
+    """Return a result of Dask arrays whose blocks are in a graph of computed tasks."""
+    from dask.core import flatten
+
+    arrays = []
+    for keys, make, arguments in rebuilders:
+        own = {key: graph[key] for key in flatten(keys) if key in graph}
+        arrays.append(make(own or graph, *arguments, **options))
+    return rebuild(dict(zip(names, arrays, strict=True)))
+
+
 class _Place(NamedTuple):
     """Position of a numbered array among the arguments."""
 
@@ -97,6 +194,8 @@ def over_chunks(
     arguments: Mapping[str, Any],
     tails: Tails,
     column_names_of: Callable[[str, Any], Sequence[str]] | None = None,
+    template_of: Callable[..., Any] | None = None,
+    index_name: str | None = None,
 ) -> Returned:
     """Return the results of a method for Dask arrays as lazy Dask arrays, to be computed chunk by chunk.
 
@@ -109,8 +208,13 @@ def over_chunks(
         arguments: by name: arrays of Dask or NumPy, numbers, None, xarray objects, tables, tuples of components, or
             values with attributes that are such.
         tails: shape of one sample by argument; those not named are options, the same for all chunks. In a tuple or a
-            mapping the first axis of the sample is that of its parts.
+            mapping the first axis of the sample is that of its parts; of a tuple also a list of the shapes of its
+            parts.
         column_names_of: function of the argument's name and an empty table; returns the columns to take, in order.
+        template_of: function of the same arguments that returns what the method would for one sample, as far as
+            shapes and dtypes go; the method itself unless given.
+        index_name: name of an argument of the method that gets the index of the chunk's first sample, a tuple, or
+            None where sizes of chunks are not known.
 
     Raises:
         ArgumentError: what the method refuses, `out` that is not None, or arrays that do not broadcast.
@@ -128,10 +232,11 @@ def over_chunks(
     if not any(math.isnan(size) for leaf in leaves for size in leaf.array.shape):
         broadcast_shape({leaf.name: leaf.array.shape[: leaf.lead] for leaf in leaves})
     probe_options = options | ({"backend": "auto"} if "backend" in options else {})
-    probe = method(**_filled(skeleton, [_made_up(leaf) for leaf in leaves]), **probe_options)
+    probe_options |= {} if index_name is None else {index_name: None}
+    probe = (template_of or method)(**_filled(skeleton, [_made_up(leaf) for leaf in leaves]), **probe_options)
     parts = _result_arrays(probe)
     lazy = {name: part for name, part in parts.items() if np.shape(part)[:axes] == (1,) * axes}
-    task = ChunkTask(method, skeleton, options, tuple(lazy))
+    task = ChunkTask(method, skeleton, options, tuple(lazy), index_name)
     arrays = _lazy_arrays(task, leaves, axes, lazy)
     shape = next(iter(arrays.values())).shape[:axes] if arrays else ()
     found: Returned = _rebuilt(probe, parts | arrays, shape)
@@ -151,8 +256,11 @@ def _skeleton(
         return _Attributes(type(value), parts)
     if isinstance(value, Mapping):
         return {key: _skeleton(f"{name}[{key!r}]", v, tail[1:], leaves, column_names_of) for key, v in value.items()}
-    if isinstance(value, tuple) and _holds_dask(value):
-        return tuple(_skeleton(f"{name}[{i}]", v, tail[1:], leaves, column_names_of) for i, v in enumerate(value))
+    if isinstance(value, tuple) and (isinstance(tail, list) or _holds_dask(value)):
+        part_tails = tail if isinstance(tail, list) else [tail[1:]] * len(value)
+        return tuple(
+            _skeleton(f"{name}[{i}]", v, part_tails[i], leaves, column_names_of) for i, v in enumerate(value)
+        )
     if _is_table(value):
         if column_names_of is None:
             raise ArgumentError(name, "a Dask array, since a table has no meaning here", quoted(type(value).__name__))
@@ -231,17 +339,24 @@ class ChunkTask:
         skeleton: the arguments, with places for the arrays.
         options: other arguments.
         names: of the results that differ from sample to sample.
+        index_name: name of the argument that gets the index of the chunk's first sample, if there is one.
     """
 
     method: Callable[..., Any]
     skeleton: Mapping[str, Any]
     options: Mapping[str, Any]
     names: tuple[str, ...]
+    index_name: str | None = None
 
     @functools.cached_property
     def pickled(self) -> bytes:
         """The task as bytes, by which Dask knows it."""
-        return pickle.dumps((self.method, self.skeleton, self.options, self.names))
+        values = (self.method, self.skeleton, self.options, self.names, self.index_name)
+        try:
+            return pickle.dumps(values)
+        except (pickle.PicklingError, AttributeError, TypeError):  # a callable that has no name in a module
+            cloudpickle = importlib.import_module("cloudpickle")  # which comes with Dask
+            return bytes(cloudpickle.dumps(values))
 
     def __dask_tokenize__(self) -> bytes:
         return self.pickled
@@ -249,10 +364,12 @@ class ChunkTask:
     def __reduce__(self) -> tuple[Any, ...]:
         return loaded_task, (self.pickled,)
 
-    def __call__(self, block: tuple[int, ...], *blocks: Any) -> Any:
-        """Return the arrays of one chunk: a tuple, or the only one."""
+    def __call__(self, block: tuple[int, ...], slices: tuple[slice, ...] | None, *blocks: Any) -> Any:
+        """Return the arrays of one chunk: a tuple, or the only one; `slices` are its range of all samples."""
+        first = None if slices is None else tuple(one.start for one in slices)
+        options = {**self.options, **({} if self.index_name is None else {self.index_name: first})}
         try:
-            result = self.method(**_filled(self.skeleton, [_only_array(own) for own in blocks]), **self.options)
+            result = self.method(**_filled(self.skeleton, [_only_array(own) for own in blocks]), **options)
         except ArgumentError as error:
             raise type(error)(f"chunk {block}: {error.name}", error.expected, error.got) from None
         except Exception as error:
@@ -280,7 +397,7 @@ def _lazy_arrays(task: ChunkTask, leaves: Sequence[_Leaf], axes: int, samples: M
     """Return the results as Dask arrays, from those of one sample, which show their shape and dtype."""
     from dask.array import blockwise
     from dask.array.core import unify_chunks
-    from dask.layers import ArrayBlockIdDep
+    from dask.layers import ArrayBlockIdDep, ArraySliceDep
 
     lead = tuple(range(axes))
     own_axes = itertools.count(axes)  # names of the axes of one sample, which no two arrays share
@@ -288,8 +405,10 @@ def _lazy_arrays(task: ChunkTask, leaves: Sequence[_Leaf], axes: int, samples: M
     pairs = zip((leaf.array for leaf in leaves), indices, strict=True)
     chunks_of, arrays = unify_chunks(*itertools.chain.from_iterable(pairs))
     chunks = tuple(chunks_of[axis] for axis in lead)
-    inputs = itertools.chain((ArrayBlockIdDep(chunks), lead), *zip(arrays, indices, strict=True))
-    how: dict[str, Any] = {"align_arrays": False, "token": getattr(task.method, "__name__", "hingepair")}
+    is_known = not any(math.isnan(size) for sizes in chunks for size in sizes)
+    ranges = (ArraySliceDep(chunks), lead) if is_known else (None, None)
+    inputs = itertools.chain((ArrayBlockIdDep(chunks), lead), ranges, *zip(arrays, indices, strict=True))
+    how: dict[str, Any] = {"align_arrays": False, "token": getattr(task.method, "__name__", "hingepair").strip("_")}
     if len(samples) > 1:
         none = np.empty((0,) * axes, object)
         packed = blockwise(task, lead, *inputs, dtype=object, meta=none, **how)

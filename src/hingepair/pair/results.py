@@ -68,8 +68,13 @@ class Result(Shown):
         """Return the attributes that a result has beside those of its class."""
         raise NotImplementedError
 
+    def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
+        """Return the names of the leading axes of all arrays, the last of which is time; and the arrays by name."""
+        return ("time",), self.recorded()
+
     def _sheet(self) -> Sheet:
-        rows = [(name, str(array.shape[1:] or ""), self.unit(name)) for name, array in self.recorded().items()]
+        leading, arrays = self._axes_and_arrays()
+        rows = [(name, str(array.shape[len(leading) :] or ""), self.unit(name)) for name, array in arrays.items()]
         title = f"{self.described}: {len(self.t)} instants"
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
@@ -90,21 +95,22 @@ class Result(Shown):
     def to_xarray(self) -> Any:
         """Return an xarray Dataset over `time`, vectors also over `xyz`, with units and descriptions as attributes.
 
-        Matrices have the axes of the body as a third dimension, `body_xyz`.
+        Matrices have the axes of the body as another dimension, `body_xyz`. Of a trajectory of many motions the first
+        dimension is `motion` (of several axes motion_0, motion_1, ...); Dask arrays stay lazy.
 
         Raises:
             MissingDependencyError: xarray is not installed.
         """
         xarray = needed_package("xarray", "to_xarray")
-        arrays = self.recorded()
+        leading, arrays = self._axes_and_arrays()
         variables: dict[str, Any] = {}
         letters: dict[str, list[str]] = {}
         for name, array in arrays.items():
-            axes = "xyz" if 3 in array.shape[1:] else "xy"
-            dims = ("time", axes, f"body_{axes}")[: array.ndim]
-            letters |= {dim: list(axes) for dim in dims[1:]}
+            axes = "xyz" if 3 in array.shape[len(leading) :] else "xy"
+            dims = (*leading, axes, f"body_{axes}")[: array.ndim]
+            letters |= {dim: list(axes) for dim in dims[len(leading) :]}
             facts = {"units": self.unit(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
-            facts |= {"axes": "world"} if array.ndim > 1 else {}
+            facts |= {"axes": "world"} if array.ndim > len(leading) else {}
             variables[name] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})

@@ -127,7 +127,8 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 def _recorded_motion(source: object) -> RecordedMotion:
     """Return the motion of a trajectory, or for a pair a motion that turns the hinge to its limits and back."""
     if isinstance(source, Trajectory):
-        return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, source.recorded()
+        recorded = source.recorded()  # refuses many motions
+        return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded
     if isinstance(source, SimulatedPlanarMotion):
         return source.t, source.space, source.body1, source.psi, source.recorded()
     if not isinstance(source, HingePair):

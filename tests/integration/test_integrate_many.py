@@ -1,0 +1,224 @@
+"""Many motions in one call of `integrate`: the bits of single calls, what a trajectory of many can do, refusals."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import generator
+
+PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+COUNT, MOTIONS = 70, 3
+T = np.linspace(0, 1, COUNT)
+RANDOM = generator(700)
+OMEGA1 = RANDOM.normal(size=(MOTIONS, 1, 3)) * np.sin(T[:, None] * (1, 2, 3) + 1)
+PSID = RANDOM.normal(size=(MOTIONS, 1)) * np.cos(T)
+R1, V1 = RANDOM.normal(size=(2, MOTIONS, COUNT, 3))
+S1_0 = hp.rotation_exp(RANDOM.normal(size=(MOTIONS, 3)))
+PSI_0 = RANDOM.normal(size=MOTIONS)
+SPATIAL_NAMES = ("quat_wxyz", "quat_xyzw", "psi", "R1", "S1", "R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
+ERROR_NAMES = ("error_estimate", "psi_error_estimate", "steps")
+
+
+def one_of(pair, arguments: dict, index: int) -> dict:
+    """The arguments of one motion: those with an axis of motions without it."""
+    axes = {"omega1": 2, "alpha1": 2, "psid": 1, "psidd": 1, "R1": 2, "S1_0": 2, "phi_0": 0, "psi_0": 0}
+    axes |= {"omega1": 1} if pair is FLAT else {}
+
+    def select(name, value):
+        if isinstance(value, tuple):
+            return tuple(select(name, part) for part in value)
+        return value[index] if isinstance(value, np.ndarray) and value.ndim > axes[name] else value
+
+    return {name: select(name, value) if name in axes else value for name, value in arguments.items()}
+
+
+def check_bits(pair, arguments, names) -> None:
+    many = hp.integrate(pair, T, **arguments)
+    assert many.motions == (MOTIONS,)
+    for index in range(MOTIONS):
+        single, part = hp.integrate(pair, T, **one_of(pair, arguments, index)), many[index]
+        assert (single.motions, part.motions) == ((), ())
+        for name in (*names, *ERROR_NAMES):
+            expected = getattr(single, name)
+            if expected is None:
+                assert getattr(many, name) is None
+                continue
+            assert type(getattr(part, name)) is type(expected)
+            np.testing.assert_array_equal(getattr(part, name), expected)
+            np.testing.assert_array_equal(getattr(many, name)[index], expected)
+    assert sum(getattr(many, name) is not None for name in names) >= 3
+
+
+CASES = {
+    "rates": {"omega1": OMEGA1, "psid": PSID},
+    "one rate for all": {"omega1": OMEGA1, "psid": PSID[0], "psi_0": PSI_0},
+    "starts": {"omega1": OMEGA1, "psid": PSID, "R1": (R1, V1), "S1_0": S1_0, "psi_0": PSI_0},
+    "constant rates": {"omega1": OMEGA1[:, :1].copy(), "psid": PSID[:, :1].copy(), "alpha1": (0, 0, 0), "psidd": 0.0},
+    "callables": {"omega1": lambda t: np.stack([np.cos(t), t, t], -1), "psid": np.cos, "psi_0": PSI_0},
+    "body axes": {"omega1": OMEGA1, "psid": PSID, "frame": "body", "alpha1": np.cos(OMEGA1), "psidd": PSID},
+    "tolerance": {"omega1": OMEGA1, "psid": PSID, "tol": 1e-9},
+    "euler_angles": {"omega1": OMEGA1, "psid": PSID, "method": "euler_angles"},
+}
+
+
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", CASES)
+def test_motions_have_the_bits_of_calls_of_their_own(name, backend):
+    arguments = CASES[name] | {"backend": backend}
+    check_bits(PAIR, arguments, SPATIAL_NAMES)
+
+
+def test_motions_in_the_plane_have_the_bits_of_calls_of_their_own():
+    flat_names = ("phi", "psi", "R2", "phi2", "d", "v2", "omega2", "a2", "alpha2")
+    arguments = {"omega1": OMEGA1[..., 0].copy(), "psid": PSID, "R1": R1[..., :2].copy(), "phi_0": PSI_0}
+    check_bits(FLAT, arguments | {"psi_0": PSI_0[::-1].copy(), "backend": "numpy"}, flat_names)
+
+
+def test_points_at_rest_may_differ_by_motion():
+    points = R1[:, :1].copy()
+    many = hp.integrate(PAIR, T, OMEGA1, PSID, R1=points, backend="numpy")
+    for index in range(MOTIONS):
+        single = hp.integrate(PAIR, T, OMEGA1[index], PSID[index], R1=points[index, 0], backend="numpy")
+        np.testing.assert_array_equal(many.R1[index], single.R1)
+        np.testing.assert_array_equal(many.R2[index], single.R2)
+        np.testing.assert_array_equal(many.v2[index], single.v2)
+
+
+def test_leading_axes_broadcast_and_select_motions():
+    many = hp.integrate(PAIR, T, OMEGA1[:, None], PSID[:2], psi_0=PSI_0[:, None], backend="numpy")
+    assert many.motions == many.steps.shape == many.error_estimate.shape == (MOTIONS, 2)
+    assert many.R2.shape == (MOTIONS, 2, COUNT, 3)
+    single = hp.integrate(PAIR, T, OMEGA1[2], PSID[1], psi_0=PSI_0[2], backend="numpy")
+    for part in (many[2, 1], many[2][1], many[1:, 1][1]):
+        assert part.motions == ()
+        np.testing.assert_array_equal(part.R2, single.R2)
+        assert part.error_estimate == single.error_estimate
+    some = many[::2, :1]
+    assert (some.motions, some.state.shape) == ((2, 1), (2, 1, COUNT))
+    assert len(list(many)) == MOTIONS
+
+
+def test_there_may_be_no_motion():
+    none = hp.integrate(PAIR, T, OMEGA1[:0], PSID[:0], alpha1=OMEGA1[:0])
+    assert none.R2.shape == (0, COUNT, 3)
+    assert none.error_estimate.shape == (0,)
+    assert repr(none) == (
+        "Trajectory(magnus6, steps=0, motions=(0,), samples=70, t=0..1, outputs=(R2, S2, d, v2, omega2))"
+    )
+
+
+def test_euler_angles_are_continuous_in_each_motion():
+    many = hp.integrate(PAIR, T, 20 * OMEGA1, PSID, backend="numpy")
+    for sequence in ("XYZ", "zxz"):
+        angles = many.euler_angles(1, sequence)
+        for index in range(MOTIONS):
+            np.testing.assert_array_equal(angles[index], many[index].euler_angles(1, sequence))
+
+
+def test_a_trajectory_of_many_is_short_to_read_and_survives_a_pickle():
+    many = hp.integrate(PAIR, T, OMEGA1, PSID, tol=1e-9, backend="numpy", outputs=("R2",))
+    low, high = many.steps.min(), many.steps.max()
+    error = many.error_estimate.max()
+    expected = f"steps={low}..{high}, motions=(3,), samples=70, t=0..1, error_estimate={error:.2g}, outputs=(R2)"
+    assert repr(many) == f"Trajectory(magnus6, {expected})"
+    assert "motion by magnus6" in many._repr_html_()
+    copy = pickle.loads(pickle.dumps(many))
+    np.testing.assert_array_equal(copy.psi_error_estimate, many.psi_error_estimate)
+    np.testing.assert_array_equal(copy[1].R2, many.R2[1])
+
+
+@pytest.mark.slow
+def test_labels_name_the_axes_of_motions(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    many = hp.integrate(PAIR, T, OMEGA1, PSID)
+    labelled = many.to_xarray()
+    assert labelled.R2.dims == ("motion", "time", "xyz")
+    assert labelled.S1.dims == ("motion", "time", "xyz", "body_xyz")
+    assert labelled.psi.dims == ("motion", "time")
+    assert labelled.R2.attrs["units"] == "m"
+    xarray.testing.assert_identical(labelled.isel(motion=1), many[1].to_xarray())
+    labelled.to_netcdf(tmp_path / "motions.nc", engine="scipy")
+    wide = hp.integrate(PAIR, T, OMEGA1[:, None], PSID, outputs=()).to_xarray()
+    assert wide.psi.dims == ("motion_0", "motion_1", "time")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda many: many.to_dataframe(),
+        lambda many: many.save("motions.csv"),
+        hp.plot,
+        lambda many: hp.view(many, "motions.html"),
+    ],
+    ids=["to_dataframe", "save", "plot", "view"],
+)
+def test_what_takes_one_motion_says_how_to_select_it(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    many = hp.integrate(PAIR, T, OMEGA1, PSID)
+    wanted = (
+        r"trajectory: expected one motion, such as trajectory\[0\] .*to_xarray\(\)\), got motions of shape \(3,\)"
+    )
+    with pytest.raises(hp.ArgumentError, match=wanted):
+        call(many)
+    assert not list(tmp_path.iterdir())
+
+
+def _changed(array, index, value):
+    changed = np.array(array)
+    changed[index] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"omega1": _changed(OMEGA1, (2, 17, 1), np.nan)}, "omega1 of motion 2: expected finite .*nan.* at index 17"),
+        ({"psid": _changed(PSID, (1, 5), np.inf)}, "psid of motion 1: expected finite numbers, got inf at index 5"),
+        (
+            {"psid": _changed(PSID, (1, slice(None)), 1e308), "t": 10 * T},
+            "psid of motion 1: expected a rate whose integral is finite, got overflow between the instants",
+        ),
+        ({"psi_0": _changed(PSI_0, 2, np.nan)}, "psi_0 of motion 2: expected a finite number, got nan"),
+        ({"S1_0": _changed(S1_0, (1, 0, 0), 3.0)}, "S1_0 of motion 1: expected rotations"),
+        ({"S1_0": _changed(S1_0, (1, 0, 0), np.nan)}, "S1_0 of motion 1: expected finite numbers"),
+        (
+            {"omega1": (0, 0, 1), "psid": np.stack([T, T > 0.5])[:, None], "tol": 1e-6},
+            r"tol of motion \(1, 0\): expected at least the error that is left",
+        ),
+        (
+            {"method": "euler_angles", "S1_0": hp.euler_to_matrix([(0, 0, 0), (0.2, 1.5, 0), (0, 0, 0)]),
+             "omega1": [[(1, 0, 0)], [(0.5, 5, 0.4)], [(1, 0, 0)]]},
+            r"of motion 1: expected .*'euler_angles' with phi_y = 1.5",
+        ),
+        ({"omega1": OMEGA1[:, :50]}, r"omega1: expected a callable, .* or samples of shape \(..., 70, 3\)"),
+        ({"omega1": OMEGA1[..., :2]}, r"omega1: expected a callable, .* got shape \(3, 70, 2\)"),
+        ({"psid": PSID[:, :2]}, r"psid: expected .* samples of shape \(..., 70\), got shape \(3, 2\)"),
+        ({"psid": PSID[:2]}, r"psid: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
+        ({"R1": R1[:2]}, r"R1: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
+        ({"R1": (R1, V1[:2])}, r"R1\[1\]: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
+        ({"R1": R1[:, :50]}, r"R1: expected shape \(3,\) or \(..., 70, 3\), got shape \(3, 50, 3\)"),
+        ({"psi_0": PSI_0[:2]}, r"psi_0: expected leading shape that broadcasts with \(3,\)"),
+        ({"S1_0": S1_0[:2]}, r"S1_0: expected leading shape that broadcasts with \(3,\)"),
+        ({"pair": FLAT, "omega1": PSID, "phi_0": PSI_0[:2]}, "phi_0: expected leading shape that broadcasts"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_of_many_motions_is_named(change, message):
+    arguments = {"pair": PAIR, "t": T, "omega1": OMEGA1, "psid": PSID, **change}
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.integrate(**arguments)
+
+
+@pytest.mark.parametrize("index", [True, None, 0.5, (0, 0), ...], ids=str)
+def test_motions_are_selected_by_indices_and_slices_alone(index):
+    many = hp.integrate(PAIR, T, OMEGA1, PSID, outputs=())
+    with pytest.raises(hp.ArgumentError, match="index of the trajectory: expected indices or slices of the 1 axes"):
+        _ = many[index]
+    with pytest.raises(IndexError, match="out of bounds"):
+        _ = many[MOTIONS]
+    with pytest.raises(hp.ArgumentError, match="expected indices or slices of the 0 axes of motions, got 0"):
+        _ = many[1][0]
