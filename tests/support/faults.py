@@ -1445,14 +1445,14 @@ FAULTS = {
     ),
     "followers in Pinocchio without their offset": Fault(
         "validation/robot_twin.py",
-        'self._of_joints("q", q) + self.offsets',
-        'self._of_joints("q", q)',
+        'self._joint_coordinates("q", q) + self.offsets',
+        'self._joint_coordinates("q", q)',
         "validation/test_robot_twin.py::test_what_follows_has_a_coordinate_of_its_own",
     ),
     "a fixed base's mass in Pinocchio's free-flyer": Fault(
         "validation/robot_twin.py",
         '    if robot.base == "free":\n        model.inertias[root]',
-        "    if flying:\n        model.inertias[root]",
+        "    if has_free_flyer:\n        model.inertias[root]",
         "validation/test_robot_twin.py::test_a_robot_is_compared_output_by_output[fixed-3]",
     ),
     "an inertia is assumed where it equals the default": Fault(
@@ -1499,20 +1499,20 @@ FAULTS = {
     ),
     "loads on body 2 are not those of the motion": Fault(
         "validation/simulated.py",
-        "given[i] += jacobian.T @ on_body2[i]",
-        "given[i] -= jacobian.T @ on_body2[i]",
+        "load_forces[i] += jacobian.T @ on_body2[i]",
+        "load_forces[i] -= jacobian.T @ on_body2[i]",
         "validation/test_simulated.py::test_a_simulated_motion_is_compared_with_inverse_dynamics[free-space]",
     ),
     "a torque that is compared with itself": Fault(
         "validation/simulated.py",
-        "given[:, held] = taken[:, held]",
-        "given[:] = taken",
+        "load_forces[:, other_components] = required_forces[:, other_components]",
+        "load_forces[:] = required_forces",
         "validation/test_simulated.py::test_loads_of_another_pair_are_no_loads_of_this_motion[u2]",
     ),
     "a rate that no slope is compared with": Fault(
         "validation/simulated.py",
-        "resolved = off <= _MAX_SLOPE_DIFFERENCE",
-        "resolved = off < 0 * _MAX_SLOPE_DIFFERENCE",
+        "is_resolved = slope_error <= _MAX_RELATIVE_SLOPE_DIFFERENCE",
+        "is_resolved = slope_error < 0 * _MAX_RELATIVE_SLOPE_DIFFERENCE",
         "validation/test_simulated.py::test_a_motion_that_does_not_follow_from_its_loads_fails[fixed-space-psid]",
     ),
     "noise of a log that goes through no differences": Fault(

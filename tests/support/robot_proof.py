@@ -31,16 +31,16 @@ class Reference:
 
     Attributes:
         model: with a free-flyer unless the base is at rest.
-        flies: whether it has one.
+        has_free_flyer: whether it has one.
         ratios: rates of the model's joints for those of the joints that follow none; shape (joints, dof).
         offsets: of the positions; shape (joints,).
     """
 
     def __init__(self, name, mode, names):
-        path, self.flies = str(robot_urdf(name)), mode != "fixed"
-        self.model = pin.buildModelFromUrdf(path, *[pin.JointModelFreeFlyer()] * self.flies)
+        path, self.has_free_flyer = str(robot_urdf(name)), mode != "fixed"
+        self.model = pin.buildModelFromUrdf(path, *[pin.JointModelFreeFlyer()] * self.has_free_flyer)
         self.data = self.model.createData()
-        own = list(self.model.names)[1 + self.flies :]
+        own = list(self.model.names)[1 + self.has_free_flyer :]
         rules = {
             joint.get("name"): joint.find("mimic")
             for joint in ET.parse(path).getroot().findall("joint")
@@ -67,9 +67,9 @@ class Reference:
     def state(self, base, positions, rates, changes):
         """Pinocchio's q, v and a of one sample."""
         q = []
-        for joint, position in zip(list(self.model.joints)[1 + self.flies :], positions, strict=True):
+        for joint, position in zip(list(self.model.joints)[1 + self.has_free_flyer :], positions, strict=True):
             q += [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
-        if not self.flies:
+        if not self.has_free_flyer:
             return np.array(q), rates.copy(), changes.copy()
         R, S, v, omega, a, alpha = base
         quat_xyzw = pin.Quaternion(np.ascontiguousarray(S)).coeffs()
@@ -121,7 +121,7 @@ NOTHING = {"jacobian": np.zeros((1, 6, 0)), "mass_matrix": np.zeros((0, 0)), "ge
 
 def columns_of(reference, mode, base):
     """Pinocchio's v for (v1, omega1, qd) of a free base, for qd of any other."""
-    if not reference.flies:
+    if not reference.has_free_flyer:
         return reference.ratios
     rows, dof = reference.ratios.shape
     columns = np.zeros((6 + rows, 6 + dof))

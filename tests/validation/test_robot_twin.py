@@ -30,7 +30,7 @@ def base_motion(rng, *shape):
 def test_the_twin_is_the_model_of_the_urdf():
     twin, model = hp.to_pinocchio(hp.load_robot("panda")), pin.buildModelFromUrdf(str(robot_urdf("panda")))
     assert list(twin.model.names) == list(model.names)
-    assert (twin.model.nq, twin.model.nv, twin.flies) == (9, 9, False)
+    assert (twin.model.nq, twin.model.nv, twin.has_free_flyer) == (9, 9, False)
     assert np.array_equal(twin.model.lowerPositionLimit, model.lowerPositionLimit)
     assert np.array_equal(twin.model.upperEffortLimit, model.upperEffortLimit)
     assert np.array_equal(twin.model.upperVelocityLimit, model.upperVelocityLimit)
@@ -183,7 +183,7 @@ def test_values_may_be_given_by_joint():
 def test_a_difference_fails(monkeypatch):
     """Any output off by 100 of its u * scale, at one sample and in one part."""
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
-    by_equations = robot_check._by_equations
+    by_equations = robot_check._outputs_by_equations
     for name in set().union(*LEVELS.values()) - {"forward_dynamics"}:
 
         def harmed(*given, name=name):
@@ -192,7 +192,7 @@ def test_a_difference_fails(monkeypatch):
             found[name][2] += 1e-12
             return found
 
-        monkeypatch.setattr(robot_check, "_by_equations", harmed)
+        monkeypatch.setattr(robot_check, "_outputs_by_equations", harmed)
         report = hp.cross_validate(robot, q, q, q)
         failed = [row for row in report.rows if not row.ok]
         assert name in {row.output for row in failed}, name
@@ -202,14 +202,14 @@ def test_a_difference_fails(monkeypatch):
 
 def test_forward_dynamics_is_judged_by_what_it_leaves(monkeypatch):
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
-    by_equations = robot_check._by_equations
+    by_equations = robot_check._outputs_by_equations
 
     def harmed(*given):
         found = by_equations(*given)
         found["qdd"][1, 2] *= 1 + 1e-9
         return found
 
-    monkeypatch.setattr(robot_check, "_by_equations", harmed)
+    monkeypatch.setattr(robot_check, "_outputs_by_equations", harmed)
     (failed,) = [row for row in hp.cross_validate(robot, q, q, q).rows if not row.ok]
     assert (failed.output, failed.worst_sample) == ("forward_dynamics", (1,))
 
@@ -257,10 +257,10 @@ def test_what_a_singular_mass_matrix_leaves_is_said():
 def test_accelerations_that_are_missing_fail(monkeypatch):
     """What the mass matrix does not excuse."""
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
-    by_equations = robot_check._by_equations
+    by_equations = robot_check._outputs_by_equations
 
     def harmed(*given):
         return by_equations(*given) | {"qdd": np.full((4, 6), np.nan)}
 
-    monkeypatch.setattr(robot_check, "_by_equations", harmed)
+    monkeypatch.setattr(robot_check, "_outputs_by_equations", harmed)
     assert hp.cross_validate(robot, q, q, q).verdict == "FAILED: forward_dynamics"

@@ -369,7 +369,7 @@ class Scene(SampledScene):
         part = whole.part(rows, ACCELERATION)
         loads = {name: load[rows] for name, load in motion.loads.items()}
         forces = compare_forces(
-            motion.space, part.body1, part.hinge, loads, motion.gravity, base=motion.base, flat=flat
+            motion.space, part.body1, part.hinge, loads, motion.gravity, base=motion.base, is_planar=flat
         )
         moves = motion.base in {"free", "pinned"}
         rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)

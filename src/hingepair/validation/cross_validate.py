@@ -63,34 +63,38 @@ def cross_validate(
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> CrossValidation | RobotValidation:
-    """Compare a pair or a robot, computed by the equations, with Pinocchio, state by state.
+    """Compare a pair or a robot, computed by the equations, with Pinocchio, state by state; return a report.
 
-    Pinocchio's route shares nothing with ours: body 1's attitude and rates come from Pinocchio too, from a chain
-    of three revolute joints in the order of the sequence. R2, S2 and d are compared, with qd also v2 and omega2,
-    with qdd also a2 and alpha2. d is that of a twin placed at R1 = 0, since Pinocchio has only R2 - R1.
+    Pinocchio's computation shares nothing with that of hingepair: the attitude and the rates of body 1 come from
+    Pinocchio too, from a chain of three revolute joints in the order of the sequence. R2, S2 and d (R2 - R1) are
+    compared, with qd also v2 and omega2, with qdd also a2 and alpha2. Pinocchio's d is that of a pair with R1 = 0,
+    since the difference of R2 and R1 would round.
 
-    Of a robot: motion of all links, Jacobians of the last of each branch, the mass matrix; with qd energies and
-    momenta; with qdd forces, and forward dynamics by what it leaves: the forces that Pinocchio says our accelerations
-    take, against those that act.
+    Of a robot, these are compared: the motion of all links, the Jacobians of the last link of each branch, and the
+    mass matrix; with qd also energies and momenta; with qdd also forces and torques. Forward dynamics is compared by
+    its residual: the forces that hingepair's accelerations require by Pinocchio's inverse dynamics, against the
+    forces that act.
 
     Args:
-        pair: the pair; a planar one is compared in the plane, phi2 in place of S2. Or a robot, whose q is as its
-            methods take it.
+        pair: the pair; a planar one is compared in the plane, with phi2 in place of S2. Or a robot, whose q, qd
+            and qdd are as its methods take them.
         q: (x, y, z, phi_x, phi_y, phi_z, psi); shape (..., 7) or a tuple of seven coordinates. Of a planar pair
             (x, y, phi, psi).
-        qd: its time derivative; likewise.
-        qdd: its second time derivative; likewise.
-        sequence: of the Euler angles; not of a robot.
-        frames: of a robot, names of links or joints whose motion and Jacobians are compared, in place of those.
-        base_motion: of a robot, how its base moves; it rests at the origin unless given.
+        qd: time derivative of q, in the same form.
+        qdd: second time derivative of q, in the same form.
+        sequence: Euler sequence of a pair; not used for a robot.
+        frames: of a robot, names of the links or joints whose motion and Jacobians are compared; unless given, those
+            named above.
+        base_motion: of a robot, the motion of its base, which rests at the origin unless given.
         gravity: of a robot, acceleration of free fall [m/s^2]; shape (3,).
 
     Returns:
-        A `CrossValidation` (hingepair.validation.report): `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of
-        each output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of
-        max_ratio), `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out. Of a
-        robot a `RobotValidation` (hingepair.validation.robot_report), whose rows also say `.worst_part`, a link or a
-        joint.
+        A `CrossValidation` (hingepair.validation.report) with `.ok`, `.verdict`, `.to_json()`, and `.rows`; printed,
+        it is a table. A row has `.output`, `.max_error` (in the output's unit), `.max_ratio` (the error in units of
+        u * scale: u is the unit roundoff, the scale is the size of the terms before they cancel), `.worst_sample`
+        (that of max_ratio), `.samples` and `.bound`. Samples that are not finite are counted in `.skipped` and left
+        out. For a robot, a `RobotValidation` (hingepair.validation.robot_report), whose rows also have `.worst_part`,
+        a link or a joint.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics` refuses.
@@ -113,12 +117,14 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    given = read_pair_coordinates(PLANAR_MOTION if planar else SPATIAL_MOTION, q, qd, qdd).parts
-    flat = _argument_arrays(given, np.shape(state.R2)[:-1])
-    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
-    body1 = _body1_by_pinocchio(seven, "XYZ" if planar else sequence)
-    sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in seven[1:]))
-    return _compared(space, twin, state, body1, [c[:, 6] for c in seven], sizes, None if planar else sequence)
+    parts = read_pair_coordinates(PLANAR_MOTION if planar else SPATIAL_MOTION, q, qd, qdd).parts
+    flat = _arguments_by_sample(parts, np.shape(state.R2)[:-1])
+    spatial_coordinates = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
+    body1 = _body1_by_pinocchio(spatial_coordinates, "XYZ" if planar else sequence)
+    rate_sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in spatial_coordinates[1:]))
+    return _compare_with_pinocchio(
+        space, twin, state, body1, [c[:, 6] for c in spatial_coordinates], rate_sizes, None if planar else sequence
+    )
 
 
 def cross_validate_from_body1(
@@ -128,7 +134,7 @@ def cross_validate_from_body1(
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
 ) -> CrossValidation:
-    """Compute body 2 from the motion of body 1 by the equations and by Pinocchio, and compare.
+    """Compute body 2 from the motion of body 1 by the equations and by Pinocchio; return a report on the comparison.
 
     As `cross_validate`, but with the attitude of body 1 given. Pinocchio takes it as a quaternion, so S must be a
     rotation to round-off (`project_to_rotation`) for the two to agree.
@@ -156,80 +162,90 @@ def cross_validate_from_body1(
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
-    flat = _argument_arrays(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
+    flat = _arguments_by_sample(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
     moving = BodyMotion(**{letter: flat[letter] for letter in letters})
-    sizes = given_rate_sizes(moving.omega, moving.alpha)
-    return _compared(pair, twin, state, moving, [flat[name] for name in angles], sizes, None)
+    rate_sizes = given_rate_sizes(moving.omega, moving.alpha)
+    return _compare_with_pinocchio(pair, twin, state, moving, [flat[name] for name in angles], rate_sizes, None)
 
 
-def _argument_arrays(given: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return the arguments at every sample as float64, shape (N, ...); all NaN where one of them is not finite."""
-    found: dict[str, Float64Array] = {}
-    for name, value in given.items():
+def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
+    """Return arguments at every sample as float64 arrays (N, ...), by name; a sample where one of them is not finite
+    is NaN in all.
+    """
+    arrays: dict[str, Float64Array] = {}
+    for name, value in arguments.items():
         array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
         rank = 0 if name in {"psi", "psid", "psidd"} else 2 if name == "S" else 1
         tail = array.shape[array.ndim - rank :]
-        found[name] = np.broadcast_to(array, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
-    finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in found.values()]
-    for values in found.values():
+        arrays[name] = np.broadcast_to(array, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
+    finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in arrays.values()]
+    for values in arrays.values():
         values[~np.logical_and.reduce(finite)] = np.nan
-    return found
+    return arrays
 
 
-def _compared(
+def _compare_with_pinocchio(
     pair: HingePair,
     twin: PinocchioTwin,
     state: PairState | PlanarState,
     body1: BodyMotion,
     hinge: list[Float64Array],
-    sizes: tuple[Float64Array | None, Float64Array | None],
+    rate_sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """Return the comparison of the state with Pinocchio's, for a motion from `_argument_arrays`."""
+    """Compute body 2 by Pinocchio, and return the report on its comparison with a state. The motion is that of
+    `_arguments_by_sample`.
+    """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
         u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
-        W1=sizes[0], A1=sizes[1], psid=psid, psidd=psidd, pinocchio=True,
+        W1=rate_sizes[0], A1=rate_sizes[1], psid=psid, psidd=psidd, pinocchio=True,
     )  # fmt: skip
-    truths = _body2_by_pinocchio(twin, body1, hinge)
+    expected_outputs = _body2_by_pinocchio(twin, body1, hinge)
     if isinstance(state, PlanarState):
         phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
-        truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
+        expected_outputs, scales["phi2"] = _planar_part(expected_outputs, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
     shape, dtype = np.shape(state.R2)[:-1], np.asarray(state.R2).dtype
     rows = []
-    for name, truth in truths.items():
-        got = np.asarray(getattr(state, name)).reshape(truth.shape)
-        rows.append(Comparison.worst_of(name, *error_ratios(name, got, truth, scales[name], dtype), shape))
+    for name, expected in expected_outputs.items():
+        got = np.asarray(getattr(state, name)).reshape(expected.shape)
+        rows.append(Comparison.worst_of(name, *error_ratios(name, got, expected, scales[name], dtype), shape))
     skipped = int(np.isnan(hinge[0]).sum())
     return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute body 2 by Pinocchio, d by the twin at R1 = 0; motion of shape (N,)."""
+    """Compute the motion of body 2 by Pinocchio, by output name; d is that of a twin at R1 = 0. The given motion has
+    shape (N,).
+    """
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
     a = twin.acceleration(body1, *hinge) if len(hinge) > 2 else None
     body2 = twin.body2(q, v, a)
     q[:, :3] = 0
-    found = {"R2": body2.R, "S2": body2.S, "d": twin.body2(q).R, "v2": body2.v, "omega2": body2.omega}
-    found |= {"a2": body2.a, "alpha2": body2.alpha}
-    return {name: values for name, values in found.items() if values is not None}
+    outputs = {"R2": body2.R, "S2": body2.S, "d": twin.body2(q).R, "v2": body2.v, "omega2": body2.omega}
+    outputs |= {"a2": body2.a, "alpha2": body2.alpha}
+    return {name: values for name, values in outputs.items() if values is not None}
 
 
-def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return the part in the plane z = 0, and instead of the rotation the angle about z that is nearest to phi2."""
-    found = {}
-    for name, truth in truths.items():
+def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
+    """Return the outputs in the plane z = 0, by name; in place of S2 it is phi2, the angle about z nearest to the
+    given one.
+    """
+    planar = {}
+    for name, values in outputs.items():
         if name == "S2":
-            apart = np.arctan2(truth[:, 1, 0], truth[:, 0, 0]) - phi2
-            found["phi2"] = (phi2 + np.arctan2(np.sin(apart), np.cos(apart)))[:, None]
+            difference = np.arctan2(values[:, 1, 0], values[:, 0, 0]) - phi2
+            planar["phi2"] = (phi2 + np.arctan2(np.sin(difference), np.cos(difference)))[:, None]
         else:
-            found[name] = truth[:, 2:] if name in {"omega2", "alpha2"} else truth[:, :2]
-    return found
+            planar[name] = values[:, 2:] if name in {"omega2", "alpha2"} else values[:, :2]
+    return planar
 
 
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Compute body 1's motion by three Pinocchio joints that turn by its Euler angles (extrinsic: last first)."""
+    """Compute body 1's motion by Pinocchio, as that of three joints that turn by its Euler angles (extrinsic: last
+    first).
+    """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
     model, joint, here = pin.Model(), 0, pin.SE3.Identity()

@@ -12,8 +12,8 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 
-def import_pinocchio(wanted_by: str) -> Any:
-    """Import the module pinocchio and return it.
+def import_pinocchio(caller_name: str) -> Any:
+    """Import the module pinocchio, and return it; raise an error that names the caller where it is not installed.
 
     Raises:
         MissingDependencyError: it is not installed, or another package has its name.
@@ -21,51 +21,51 @@ def import_pinocchio(wanted_by: str) -> Any:
     try:
         import pinocchio
     except ImportError as error:
-        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
+        raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
     if not hasattr(pinocchio, "JointModelFreeFlyer"):
         found = f"another package named pinocchio at {pinocchio.__file__}"
-        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", found)
+        raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", found)
     return pinocchio
 
 
 def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's pose as Pinocchio's free-flyer takes it: R (..., 3) [m] and S as quat_xyzw (..., 4).
+    """Return body 1's pose as Pinocchio's free-flyer takes it, by name: R (..., 3) [m] and S as quat_xyzw (..., 4).
 
     Raises:
         ArgumentError: body1 lacks R or S.
     """
-    quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
-    return {"R": _given(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}
+    quat_wxyz = matrix_to_quaternion(_required_array(body1, "S"))
+    return {"R": _required_array(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}
 
 
 def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's v [m/s] and omega [rad/s] as Pinocchio's free-flyer takes them: in body axes, (..., 3) each.
+    """Return body 1's v [m/s] and omega [rad/s], by name, as Pinocchio's free-flyer takes them: in body axes, (...,
+    3).
 
     Raises:
         ArgumentError: body1 lacks S, v or omega.
     """
-    S, v, omega = (_given(body1, name) for name in ("S", "v", "omega"))
+    S, v, omega = (_required_array(body1, name) for name in ("S", "v", "omega"))
     return {"v": to_body(S, v), "omega": to_body(S, omega)}
 
 
 def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's acceleration as Pinocchio's free-flyer takes it: spatial, in body axes.
+    """Return body 1's a and alpha, by name, as Pinocchio's free-flyer takes them: spatial, in body axes.
 
     Returns:
         a [m/s^2] and alpha [rad/s^2]; shape (..., 3) each.
 
-
     Raises:
         ArgumentError: body1 lacks S, v, omega, a or alpha.
     """
-    S, v, omega, a, alpha = (_given(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
+    S, v, omega, a, alpha = (_required_array(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
     with np.errstate(over="ignore", invalid="ignore"):
         spatial = to_body(S, a - np.cross(omega, v))
     return {"a": spatial, "alpha": to_body(S, alpha)}
 
 
-def _given(body1: BodyMotion, name: str) -> Float64Array:
-    """Return a part of a motion as float64.
+def _required_array(body1: BodyMotion, name: str) -> Float64Array:
+    """Return an attribute of a motion as float64; raise an error if it is not given.
 
     Raises:
         ArgumentError: it is not given.
@@ -89,7 +89,8 @@ def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
 
 
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """Return R, S, v, omega, a, alpha of a frame, as far as coordinates are given; world axes; a is classical.
+    """Compute the motion of a frame by Pinocchio, sample by sample: R, S, with v also v and omega, with a also a and
+    alpha, by name. World axes; accelerations are classical.
 
     Args:
         model: of Pinocchio.
@@ -99,15 +100,15 @@ def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Arr
     """
     pin = import_pinocchio("body2")
     names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(coordinates)]
-    found = [np.empty((len(coordinates[0]), 3, *(3,) * (name == "S"))) for name in names]
+    arrays = [np.empty((len(coordinates[0]), 3, *(3,) * (name == "S"))) for name in names]
     for i, sample in enumerate(zip(*coordinates, strict=True)):
         pin.forwardKinematics(model, data, *sample)
         placement = pin.updateFramePlacement(model, data, frame)
-        found[0][i], found[1][i] = placement.translation, placement.rotation
+        arrays[0][i], arrays[1][i] = placement.translation, placement.rotation
         if len(sample) > 1:
             twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found[2][i], found[3][i] = twist.linear, twist.angular
+            arrays[2][i], arrays[3][i] = twist.linear, twist.angular
         if len(sample) > 2:
             classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found[4][i], found[5][i] = classical.linear, classical.angular
-    return dict(zip(names, found, strict=True))
+            arrays[4][i], arrays[5][i] = classical.linear, classical.angular
+    return dict(zip(names, arrays, strict=True))

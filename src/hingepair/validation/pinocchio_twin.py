@@ -40,7 +40,7 @@ MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PinocchioTwin:
-    """The pair as a Pinocchio model, and the way there and back.
+    """The pair as a Pinocchio model, and the conversion of coordinates to Pinocchio's and back.
 
     Attributes:
         model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2"; inertias and
@@ -54,7 +54,7 @@ class PinocchioTwin:
     body2_frame: int
 
     def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
-        """Return Pinocchio's q; shape (..., 8).
+        """Return Pinocchio's q for a pose of body 1 and the hinge angle; shape (..., 8).
 
         Args:
             body1: its R [m] and S; leading shape (...,).
@@ -63,10 +63,10 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        return _joined(pinocchio_configuration(body1), psi=psi)
+        return _join_with_last(pinocchio_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
-        """Return Pinocchio's v; shape (..., 7).
+        """Return Pinocchio's v for a motion of body 1 and of the hinge; shape (..., 7).
 
         Args:
             body1: its S, v [m/s] and omega [rad/s], world axes; leading shape (...,).
@@ -76,10 +76,10 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v or omega.
         """
-        return _joined(pinocchio_velocity(body1), psi=psi, psid=psid)
+        return _join_with_last(pinocchio_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
-        """Return Pinocchio's a, which is the spatial acceleration; shape (..., 7).
+        """Return Pinocchio's a, the spatial acceleration, for a motion of body 1 and of the hinge; shape (..., 7).
 
         Args:
             body1: its S, v [m/s], omega [rad/s], a [m/s^2] and alpha [rad/s^2], world axes; leading shape (...,).
@@ -90,10 +90,10 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v, omega, a or alpha.
         """
-        return _joined(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
+        return _join_with_last(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
-        """Compute body 2 by Pinocchio, one sample after another.
+        """Compute the motion of body 2 by Pinocchio from its q, v and a, one sample after another.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -114,19 +114,19 @@ class PinocchioTwin:
         """
         if a is not None and v is None:
             raise ArgumentError("v", "the velocity that belongs to a", None)
-        given = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
-        arrays = {name: vectors(name, c, size).astype(np.float64) for name, c, size in given}
+        arguments = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
+        arrays = {name: vectors(name, c, size).astype(np.float64) for name, c, size in arguments}
         shape = broadcast_shape({name: c.shape[:-1] for name, c in arrays.items()})
         quat = arrays["q"][..., 3:7]
         if (quat == 0).all(axis=-1).any():
             raise RotationError("q", "non-zero quaternions", "a zero quaternion")
         arrays["q"][..., 3:7] = unit_quaternion(quat)
         flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays.values()]
-        found = frame_motion(self.model, self.data, self.body2_frame, flat)
-        return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in found.items()})
+        motion = frame_motion(self.model, self.data, self.body2_frame, flat)
+        return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in motion.items()})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
-        """Return body 1's motion and the hinge's from Pinocchio's coordinates.
+        """Convert Pinocchio's q, v and a to the motion of body 1, psi, psi' and psi''.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -146,13 +146,13 @@ class PinocchioTwin:
         if v is None:
             return body1, q[..., 7], None, None
         S, v = np.asarray(body1.S), vectors("v", v, 7).astype(np.float64)
-        known = {"R": q[..., :3], "S": S, "v": to_world(S, v[..., :3]), "omega": to_world(S, v[..., 3:6])}
+        attributes = {"R": q[..., :3], "S": S, "v": to_world(S, v[..., :3]), "omega": to_world(S, v[..., 3:6])}
         if a is None:
-            return BodyMotion(**known), q[..., 7], v[..., 6], None
+            return BodyMotion(**attributes), q[..., 7], v[..., 6], None
         a = vectors("a", a, 7).astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
-            a1 = to_world(S, a[..., :3]) + np.cross(known["omega"], known["v"])
-        body1 = BodyMotion(**known, a=a1, alpha=to_world(S, a[..., 3:6]))
+            a1 = to_world(S, a[..., :3]) + np.cross(attributes["omega"], attributes["v"])
+        body1 = BodyMotion(**attributes, a=a1, alpha=to_world(S, a[..., 3:6]))
         return body1, q[..., 7], v[..., 6], a[..., 6]
 
 
@@ -165,24 +165,24 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """Build the pair in Pinocchio: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
+    """Build the pair or robot as a model of Pinocchio; return the model with conversions of coordinates.
 
-    A `Mechanism` gives a `RobotTwin` (hingepair.validation.robot_twin): `.model` has every joint that moves, those
-    that follow others too, and all links; `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`
-    are its q, v and a.
-
-    Masses and limits are in the model where the pair has them. Without body1 or body2 the masses are 0, without
-    limits the joint is unlimited: enough for kinematics, while dynamics needs both bodies. Shapes are not in the
-    model (`to_urdf` writes them).
+    A pair becomes a free-flyer, a revolute joint about n at u1, and a frame of body 2 at (C, -C u2), with C the
+    pair's `home`. Masses and limits are in the model where the pair has them. Without body1 or body2 the masses are
+    0, without limits the joint is unlimited. That is enough for kinematics; dynamics needs both bodies. Shapes are
+    not in the model (`to_urdf` writes them).
 
     Args:
-        pair: one pair, without leading axes.
+        pair: one pair, without leading axes; or a `Mechanism`.
 
     Returns:
         A `PinocchioTwin` (hingepair.validation.pinocchio_twin): `.model`, `.data`, `.body2_frame` (the frame whose
         placement is (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi,
         psid)` its v, (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), `.motion(q, v, a)` the way
         back, and `.body2(q, v, a)` body 2's motion by Pinocchio.
+        For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin): `.model` has all links and every joint
+        that moves, also those that follow others; `.configuration(q)`, `.velocity(q, qd)` and
+        `.acceleration(q, qd, qdd)` are Pinocchio's q, v and a.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
@@ -223,9 +223,9 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     return PinocchioTwin(model, model.createData(), int(body2))
 
 
-def _joined(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
+def _join_with_last(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
     """Join parts and the last of the hinge's numbers along the last axis, broadcast over the leading axes of all."""
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})
-    found = [*parts.values(), list(numbers.values())[-1]]
-    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in found], axis=-1)
+    joined = [*parts.values(), list(numbers.values())[-1]]
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in joined], axis=-1)

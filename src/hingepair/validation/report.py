@@ -15,25 +15,25 @@ from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, lef
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
 # The heading of the table of rates.
-_RATE_HEADING = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-FORCE_BOUND: Final = 64
+_RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
+MAX_FORCE_ERROR_RATIO: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
 """
 # The scale of a load's difference, in words, by the load.
-_FORCE_SCALES: Final[Mapping[str, str]] = {
+_SCALE_TEXT_BY_LOAD: Final[Mapping[str, str]] = {
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
     "hinge_torque": "as of torque1, of body 2 alone",
 }
 # The heading of the table of outputs.
-_OUTPUT_HEADING = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
+_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One output by both routes.
+    """Comparison of one output of the equations with Pinocchio's: the largest error over all samples, and its bound.
 
     Attributes:
         output: its name.
@@ -58,12 +58,12 @@ class Comparison:
 
     @property
     def scale(self) -> str:
-        """The formula of the scale, for a reader."""
-        more = PINOCCHIO_TERMS.get(self.output)
-        if self.output in _FORCE_SCALES:
-            return _FORCE_SCALES[self.output]
-        own = PLANAR_SCALES.get(self.output) or PROMISES[self.output].scale
-        return f"{own} + {more}" if more else own
+        """Formula of the scale of this output's error, as text for a reader."""
+        added_terms = PINOCCHIO_TERMS.get(self.output)
+        if self.output in _SCALE_TEXT_BY_LOAD:
+            return _SCALE_TEXT_BY_LOAD[self.output]
+        formula = PLANAR_SCALES.get(self.output) or PROMISES[self.output].scale
+        return f"{formula} + {added_terms}" if added_terms else formula
 
     @classmethod
     def worst_of(
@@ -74,7 +74,9 @@ class Comparison:
         shape: tuple[int, ...],
         bound: float = PINOCCHIO_BOUND,
     ) -> Comparison:
-        """Return the worst of errors and ratios, (N,) each, NaN where not comparable, of samples of a shape."""
+        """Return the comparison of one output from errors, (N,), and errors in u * scale, (N,), of samples of a
+        shape; NaN is not compared.
+        """
         compared = ~np.isnan(ratio)
         if not compared.any():
             return cls(output, 0.0, 0.0, None, 0, bound)
@@ -85,11 +87,11 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class RateComparison:
-    """A rate against the slope of what it is the rate of.
+    """Comparison of a rate, such as v1, with the slope of its quantity, such as R1, by finite differences.
 
     Attributes:
         rate: its name.
-        of: what it is the rate of.
+        of: name of the quantity whose rate it is.
         max_error: largest difference of a component, in the rate's unit.
         allowed: largest difference that passes.
         worst_sample: the sample with the largest difference; None where nothing was compared.
@@ -109,18 +111,21 @@ class RateComparison:
         return self.max_error <= self.allowed
 
     @classmethod
-    def worst_of(cls, rate: str, of: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the worst of differences, (N,), NaN where nothing is compared."""
+    def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
+        """Return the comparison of one rate from its differences, (N,), to the slope of a quantity; NaN is not
+        compared.
+        """
         compared = ~np.isnan(error)
         if not compared.any():
-            return cls(rate, of, 0.0, allowed, None, 0)
+            return cls(rate, quantity, 0.0, allowed, None, 0)
         worst = int(np.nanargmax(error))
-        return cls(rate, of, float(error[worst]), allowed, worst, int(compared.sum()))
+        return cls(rate, quantity, float(error[worst]), allowed, worst, int(compared.sum()))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
-    """Report on the comparison of the equations with Pinocchio.
+    """Report on the comparison of the outputs of a pair with Pinocchio's: one row per output, a verdict, a table,
+    JSON.
 
     Attributes:
         name: the pair's name.
@@ -162,7 +167,7 @@ class CrossValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """The outcome in a line."""
+        """Result as one line: PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -172,7 +177,7 @@ class CrossValidation(Shown):
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
-        more = f", and {forces} within {FORCE_BOUND} u*scale of its rnea" if forces else ""
+        more = f", and {forces} within {MAX_FORCE_ERROR_RATIO} u*scale of its rnea" if forces else ""
         return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
@@ -181,13 +186,17 @@ class CrossValidation(Shown):
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        lines = [title, *align_columns([_OUTPUT_HEADING, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
+        lines = [
+            title,
+            *align_columns([_OUTPUT_TABLE_HEADINGS, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}),
+            unit,
+        ]
         if self.forces:
             lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += align_columns([_OUTPUT_HEADING, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
+            lines += align_columns([_OUTPUT_TABLE_HEADINGS, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
         if self.rates:
             lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
-            lines += align_columns([_RATE_HEADING, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
+            lines += align_columns([_RATE_TABLE_HEADINGS, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
         return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
 
     def __repr__(self) -> str:
@@ -195,7 +204,11 @@ class CrossValidation(Shown):
 
     def _sheet(self) -> Sheet:
         title = f"{self.name}: the equations against Pinocchio"
-        rows = (_OUTPUT_HEADING, *map(_comparison_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
+        rows = (
+            _OUTPUT_TABLE_HEADINGS,
+            *map(_comparison_cells, (*self.rows, *self.forces)),
+            *map(_rate_cells, self.rates),
+        )
         return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:
@@ -209,7 +222,7 @@ class CrossValidation(Shown):
 
 
 def _rate_cells(row: RateComparison) -> tuple[str, ...]:
-    """Return the cells of a table's row that compares a rate with the slope of what it is the rate of."""
+    """Return the cells of a row of a report's table that compares a rate with a slope."""
     if row.worst_sample is None:
         return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
     error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
@@ -217,7 +230,7 @@ def _rate_cells(row: RateComparison) -> tuple[str, ...]:
 
 
 def _comparison_cells(row: Comparison) -> tuple[str, ...]:
-    """Return the cells of a table's row that compares one output with Pinocchio's."""
+    """Return the cells of a row of a report's table that compares one output with Pinocchio's."""
     if row.worst_sample is None:
         return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"

@@ -32,7 +32,7 @@ def cross_validate_robot(
     base_motion: BodyMotion | None,
     gravity: ArrayLike,
 ) -> RobotValidation:
-    """Compute what a robot does by the equations and by Pinocchio, and compare, as `cross_validate` says.
+    """Compute a robot's outputs by the equations and by Pinocchio; return a report on the comparison.
 
     Args:
         robot: the robot.
@@ -45,14 +45,14 @@ def cross_validate_robot(
     names = tuple(robot.tree.links) if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
     tips = robot.tips if frames is None else names
     places = {name: robot.tree.known_frame("frames", name) for name in names}
-    samples = _Samples(robot, coordinates, base_motion)
-    ours = _by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
-    twin = robot_twin(robot, flies=True)
+    samples = _RobotSamples(robot, coordinates, base_motion)
+    ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
+    twin = robot_twin(robot, has_free_flyer=True)
     twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
-    theirs = _by_pinocchio(robot, twin, samples, names, tips)
+    theirs = _outputs_by_pinocchio(robot, twin, samples, names, tips)
     singular: list[str] = []
     if "tau" in theirs:
-        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _left_over(
+        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _forward_dynamics_residual(
             robot, twin, samples, ours, theirs
         )
     scales = _output_scales(robot, twin, samples, places, tips, fall, ours)
@@ -62,7 +62,7 @@ def cross_validate_robot(
     for name, expected in theirs.items():
         parts = labels.get(name, ("",))
         if expected.size or not samples.finite.size:  # a robot without joints has neither tau nor mass matrix
-            error, ratio = _errors(ours[name], expected, scales[name], samples.u, len(parts))
+            error, ratio = _errors_by_part(ours[name], expected, scales[name], samples.u, len(parts))
             rows.append(RobotComparison.worst_of(name, error, ratio, samples.shape, parts))
             if name == "forward_dynamics" and singular:
                 rows[-1] = replace(rows[-1], singular=len(singular), unresisted=singular[0])
@@ -71,8 +71,9 @@ def cross_validate_robot(
     )
 
 
-class _Samples:
-    """Coordinates and the motion of the base at N samples, all NaN where one of them is not finite.
+class _RobotSamples:
+    """Coordinates of a robot and motion of its base at N samples; a sample where one of them is not finite is NaN in
+    all.
 
     Attributes:
         shape: leading shape, of N elements.
@@ -92,7 +93,9 @@ class _Samples:
         parts = {
             name: np.asarray(getattr(RESTING_BASE_MOTION, ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
         } | values.parts
-        flat = {name: _argument_samples(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
+        flat = {
+            name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
+        }
         finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
         self.finite = np.logical_and.reduce(finite)
         for array in flat.values():
@@ -105,15 +108,17 @@ class _Samples:
         self.u = unit_roundoff(np.float32 if single else np.float64)
 
 
-def _argument_samples(part: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
-    """Return an argument, of components or an array, at every sample; shape (N, ...) with `rank` axes of its own."""
-    array = np.stack(np.broadcast_arrays(*part), axis=-1) if isinstance(part, tuple) else np.asarray(part)
-    tail = array.shape[array.ndim - rank :]
+def _samples_of_argument(value: Any, shape: tuple[int, ...], sample_rank: int) -> Float64Array:
+    """Return an argument, an array or a tuple of components, at every sample; shape (N, ...), with `sample_rank` axes
+    after N.
+    """
+    array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
+    sample_shape = array.shape[array.ndim - sample_rank :]
     count = int(np.prod(shape))
-    return np.array(np.broadcast_to(array, (*shape, *tail)), dtype=np.float64).reshape(count, *tail)
+    return np.array(np.broadcast_to(array, (*shape, *sample_shape)), dtype=np.float64).reshape(count, *sample_shape)
 
 
-def _by_equations(
+def _outputs_by_equations(
     robot: Mechanism,
     coordinates: Mapping[str, Coordinates],
     frames: tuple[str, ...],
@@ -122,54 +127,56 @@ def _by_equations(
     gravity: Float64Array,
     shape: tuple[int, ...],
 ) -> dict[str, Float64Array]:
-    """Return the outputs by the equations; shape (N, ...)."""
+    """Compute the outputs to compare by the equations, and return them by name; shape (N, ...)."""
     q, *rates = coordinates.values()
-    moving: dict[str, Any] = {"base_motion": base_motion}
-    found: dict[str, tuple[Any, int]] = {}  # and how many axes one sample has
+    base_argument: dict[str, Any] = {"base_motion": base_motion}
+    outputs: dict[str, tuple[Any, int]] = {}  # and how many axes one sample has
     if frames:
-        state = robot.forward_kinematics(q, *rates, frames=frames, **moving)
-        found |= {name: (getattr(state, name), 3 if name == "S" else 2) for name in state.outputs}
-        columns = [robot.jacobian(q, name, **moving) for name in tips]
-        found["jacobian"] = np.stack(columns, axis=-3), 3
-    found["mass_matrix"] = robot.mass_matrix(q, **moving), 2
+        state = robot.forward_kinematics(q, *rates, frames=frames, **base_argument)
+        outputs |= {name: (getattr(state, name), 3 if name == "S" else 2) for name in state.outputs}
+        columns = [robot.jacobian(q, name, **base_argument) for name in tips]
+        outputs["jacobian"] = np.stack(columns, axis=-3), 3
+    outputs["mass_matrix"] = robot.mass_matrix(q, **base_argument), 2
     if rates:
-        energy = robot.energy(q, rates[0], gravity=gravity, **moving)
-        momentum = robot.momentum(q, rates[0], **moving)
-        found |= {"kinetic": (energy.kinetic, 0), "potential": (energy.potential, 0)}
-        found |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
+        energy = robot.energy(q, rates[0], gravity=gravity, **base_argument)
+        momentum = robot.momentum(q, rates[0], **base_argument)
+        outputs |= {"kinetic": (energy.kinetic, 0), "potential": (energy.potential, 0)}
+        outputs |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
     if len(rates) > 1:
-        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, **moving)
-        found |= {name: (forces[name], 1) for name in forces.outputs}
+        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, **base_argument)
+        outputs |= {name: (forces[name], 1) for name in forces.outputs}
         free = robot.base == "free"
         loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if free else {}
-        moved = robot.forward_dynamics(q, rates[0], forces.tau, gravity=gravity, **loads, **moving)
-        found |= {name: (moved[name], 1) for name in moved.outputs}
-    return {name: _argument_samples(value, shape, rank) for name, (value, rank) in found.items()}
+        accelerations = robot.forward_dynamics(q, rates[0], forces.tau, gravity=gravity, **loads, **base_argument)
+        outputs |= {name: (accelerations[name], 1) for name in accelerations.outputs}
+    return {name: _samples_of_argument(value, shape, rank) for name, (value, rank) in outputs.items()}
 
 
-def _by_pinocchio(
-    robot: Mechanism, twin: RobotTwin, samples: _Samples, frames: tuple[str, ...], tips: tuple[str, ...]
+def _outputs_by_pinocchio(
+    robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
-    """Return the outputs by Pinocchio; shape (N, ...), NaN at samples that are not finite."""
+    """Compute the outputs to compare by Pinocchio, and return them by name; shape (N, ...), NaN at samples that are
+    not finite.
+    """
     pin = import_pinocchio("cross_validate")
-    numbers, of_tips = (
+    frame_numbers, tip_numbers = (
         [twin.model.getFrameId(name, _frame_type(pin, robot, name)) for name in names] for names in (frames, tips)
     )
     states = _pinocchio_states(twin, samples)
-    columns = _velocity_columns(robot, twin, samples)
+    columns = _velocity_matrices(robot, twin, samples)
     rows = []
     for i in range(len(samples.finite)):
         state = [one[i] for one in states]
         if not samples.finite[i]:
             state = [np.zeros_like(one) for one in state]
             state[0][6] = 1.0  # the scalar part of the base's quaternion
-        found = _frame_motion(pin, twin, numbers, state) if numbers else {}
-        found |= _masses(pin, twin, of_tips, state, columns[i])
+        outputs = _frame_outputs(pin, twin, frame_numbers, state) if frame_numbers else {}
+        outputs |= _mass_outputs(pin, twin, tip_numbers, state, columns[i])
         if len(state) > 2:
             force = pin.rnea(twin.model, twin.data, *state)
             turn = samples.base.S[i] if samples.finite[i] else np.eye(3)
-            found |= {"tau": force[6:] @ twin.ratios, "force1": turn @ force[:3], "torque1": turn @ force[3:6]}
-        rows.append(found)
+            outputs |= {"tau": force[6:] @ twin.ratios, "force1": turn @ force[:3], "torque1": turn @ force[3:6]}
+        rows.append(outputs)
     if not rows:
         return {}
     theirs = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
@@ -178,71 +185,80 @@ def _by_pinocchio(
     return theirs
 
 
-def _pinocchio_states(twin: RobotTwin, samples: _Samples) -> list[Float64Array]:
-    """Return Pinocchio's q, and as far as known v and a; shape (N, ...) each."""
+def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
+    """Return Pinocchio's q, and with rates v, and with their derivatives a, in a list; shape (N, ...) each."""
     joints, base = samples.joints, samples.base
     made: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
     return [make(*joints[: k + 1], base) for k, make in enumerate(made[: len(joints)])]
 
 
-def _velocity_columns(robot: Mechanism, twin: RobotTwin, samples: _Samples) -> Float64Array:
-    """Return Pinocchio's v for the velocities that the mass matrix is in; shape (N, nv, columns)."""
+def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
+    """Return matrices from the velocities that the robot's mass matrix is in to Pinocchio's v; shape (N, nv,
+    columns).
+    """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
-    found = np.zeros((count, 6 + joints, 6 + dof))
+    matrices = np.zeros((count, 6 + joints, 6 + dof))
     back = np.swapaxes(np.asarray(samples.base.S), -1, -2)
-    found[:, :3, :3] = found[:, 3:6, 3:6] = back
-    found[:, 6:, 6:] = twin.ratios
-    return found if robot.base == "free" else found[..., 6:]
+    matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = back
+    matrices[:, 6:, 6:] = twin.ratios
+    return matrices if robot.base == "free" else matrices[..., 6:]
 
 
 def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
-    """Return the type of a frame of the twin; one that moves with a joint of its name is made."""
+    """Return Pinocchio's type of the frame of that name in the twin: of a link, a further frame or a joint."""
     if name in robot.tree.links:
         return pin.FrameType.BODY
     return pin.FrameType.OP_FRAME if name in robot.tree.frames else pin.FrameType.JOINT
 
 
-def _frame_motion(pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]) -> dict[str, Float64Array]:
-    """Return the motion of frames at one state, and d: where they are if the base is at the origin."""
+def _frame_outputs(
+    pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]
+) -> dict[str, Float64Array]:
+    """Compute the motion of frames by Pinocchio at one state, by output name; d is their position if the base is at
+    the origin.
+    """
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
     at_origin[:3] = 0
     pin.framesForwardKinematics(model, data, at_origin)
-    found: dict[str, Any] = {"d": np.array([data.oMf[frame].translation for frame in frames])}
+    outputs: dict[str, Any] = {"d": np.array([data.oMf[frame].translation for frame in frames])}
     pin.forwardKinematics(model, data, *state)
     pin.updateFramePlacements(model, data)
-    found |= {"R": np.array([data.oMf[frame].translation for frame in frames])}
-    found |= {"S": np.array([data.oMf[frame].rotation for frame in frames])}
+    outputs |= {"R": np.array([data.oMf[frame].translation for frame in frames])}
+    outputs |= {"S": np.array([data.oMf[frame].rotation for frame in frames])}
     if len(state) > 1:
         twists = [pin.getFrameVelocity(model, data, frame, world) for frame in frames]
-        found |= {"v": np.array([one.linear for one in twists]), "omega": np.array([one.angular for one in twists])}
+        outputs |= {"v": np.array([one.linear for one in twists]), "omega": np.array([one.angular for one in twists])}
     if len(state) > 2:
         changes = [pin.getFrameClassicalAcceleration(model, data, frame, world) for frame in frames]
-        found |= {"a": np.array([one.linear for one in changes]), "alpha": np.array([one.angular for one in changes])}
-    return found
+        outputs |= {
+            "a": np.array([one.linear for one in changes]),
+            "alpha": np.array([one.angular for one in changes]),
+        }
+    return outputs
 
 
-def _masses(
-    pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], columns: Float64Array
+def _mass_outputs(
+    pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], velocity_matrix: Float64Array
 ) -> dict[str, Any]:
-    """Return Jacobians, the mass matrix, energies and momenta at one state."""
+    """Compute Jacobians, mass matrix, energies and momenta by Pinocchio at one state, by output name."""
     model, data = twin.model, twin.data
-    found: dict[str, Any] = {}
+    outputs: dict[str, Any] = {}
     pin.computeJointJacobians(model, data, state[0])
     pin.updateFramePlacements(model, data)
     if frames:
         jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in frames]
-        found["jacobian"] = np.array([one @ columns for one in jacobians])
+        outputs["jacobian"] = np.array([one @ velocity_matrix for one in jacobians])
     upper = np.triu(pin.crba(model, data, state[0]))
-    found["mass_matrix"] = columns.T @ (upper + np.triu(upper, 1).T) @ columns
+    outputs["mass_matrix"] = velocity_matrix.T @ (upper + np.triu(upper, 1).T) @ velocity_matrix
     if len(state) > 1:
-        found["kinetic"] = _kinetic_energy(pin, twin, *state[:2])
-        found["potential"] = pin.computePotentialEnergy(model, data, state[0])
+        outputs["kinetic"] = _kinetic_energy(pin, twin, *state[:2])
+        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0])
         if sum(inertia.mass for inertia in model.inertias):
             momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
             about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
-            found |= {"linear": momentum.linear.copy(), "angular": about_origin}
-    return found
+            outputs |= {"linear": momentum.linear.copy(), "angular": about_origin}
+    return outputs
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
@@ -254,42 +270,45 @@ def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array)
     return links + 0.5 * float(armature @ (v * v))
 
 
-def _left_over(
+def _forward_dynamics_residual(
     robot: Mechanism,
     twin: RobotTwin,
-    samples: _Samples,
-    ours: Mapping[str, Float64Array],
-    theirs: Mapping[str, Float64Array],
+    samples: _RobotSamples,
+    our_outputs: Mapping[str, Float64Array],
+    pinocchio_outputs: Mapping[str, Float64Array],
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return what acts by Pinocchio's rnea where the robot accelerates as we say, and where it does as it was given.
+    """Return the forces that our accelerations require by Pinocchio's rnea, the forces that act, and texts on joints
+    that nothing resists.
 
-    Where we give no accelerations since Pinocchio's mass matrix is singular, the latter is NaN: nothing is compared.
-    The third result says, for each of these samples, which joint nothing resists.
+    Where we give no accelerations since Pinocchio's mass matrix is singular, the forces that act are NaN: nothing is
+    compared. The third result has, for each of these samples, a text on the joint that nothing resists.
     """
     pin = import_pinocchio("cross_validate")
     base = samples.base
     if robot.base == "free":
-        base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
+        base = replace(base, a=our_outputs["a1"], alpha=our_outputs["alpha1"])
     q, v = _pinocchio_states(twin, samples)[:2]
-    a = twin.acceleration(samples.joints[0], samples.joints[1], ours["qdd"], base)
-    columns = _velocity_columns(robot, twin, samples)
-    expected = theirs["tau"]
+    a = twin.acceleration(samples.joints[0], samples.joints[1], our_outputs["qdd"], base)
+    columns = _velocity_matrices(robot, twin, samples)
+    expected = pinocchio_outputs["tau"]
     if robot.base == "free":
-        expected = np.concatenate((theirs["force1"], theirs["torque1"], expected), axis=-1)
+        expected = np.concatenate((pinocchio_outputs["force1"], pinocchio_outputs["torque1"], expected), axis=-1)
     expected = expected.copy()
     got = np.full_like(expected, np.nan)
     singular: list[str] = []
     for i in np.flatnonzero(samples.finite):
         if np.isfinite(a[i]).all():
             got[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
-        elif joint := _unresisted(robot, theirs["mass_matrix"][i]):
+        elif joint := _unresisted_joint(robot, pinocchio_outputs["mass_matrix"][i]):
             expected[i] = np.nan
             singular.append(joint)
     return got, expected, singular
 
 
-def _unresisted(robot: Mechanism, matrix: Float64Array) -> str:
-    """Return a phrase on the joint that moves most where a singular mass matrix resists nothing; else nothing."""
+def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
+    """Return a text on the joint that moves most where a singular mass matrix resists nothing; empty if it is
+    regular.
+    """
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
     if size.all():
@@ -304,46 +323,54 @@ def _unresisted(robot: Mechanism, matrix: Float64Array) -> str:
 def _output_scales(
     robot: Mechanism,
     twin: RobotTwin,
-    samples: _Samples,
+    samples: _RobotSamples,
     frames: Mapping[str, Frame],
     tips: tuple[str, ...],
     gravity: Float64Array,
-    ours: Mapping[str, Float64Array],
+    our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
-    """Return the scales of all outputs, of shapes that broadcast against them."""
+    """Return the scales of the errors of all outputs by name, of shapes that broadcast against the outputs."""
     states = _pinocchio_states(twin, samples)
     joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
     scales = RobotScales(robot.tree, joints, samples.base, gravity)
     columns = np.zeros((6 + len(twin.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(twin.ratios)
     columns = columns if robot.base == "free" else columns[:, 6:]
-    found: dict[str, Float64Array] = {}
+    by_output: dict[str, Float64Array] = {}
     if frames:
         at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
         still = RobotScales(robot.tree, joints[:1], at_origin, gravity)
         motions = [scales.motion(frame) for frame in frames.values()]
-        found |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_NAMES}
-        found["S"] = found["S"][..., None]
-        found["d"] = np.stack([still.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
-        found["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)
-    found["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
-    found |= {name: one[:, None] for name, one in scales.energy_and_momentum().items()}
-    found |= {name: found[name][:, 0] for name in ("kinetic", "potential")}
+        by_output |= {
+            name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_NAMES
+        }
+        by_output["S"] = by_output["S"][..., None]
+        by_output["d"] = np.stack([still.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
+        by_output["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)
+    by_output["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
+    by_output |= {name: one[:, None] for name, one in scales.energy_and_momentum().items()}
+    by_output |= {name: by_output[name][:, 0] for name in ("kinetic", "potential")}
     force, torque = scales.forces()
-    found |= {"force1": force[:, :1], "torque1": torque[:, :1], "tau": _generalized(robot, scales, columns)}
+    by_output |= {
+        "force1": force[:, :1],
+        "torque1": torque[:, :1],
+        "tau": _generalized_scales(robot, scales, columns),
+    }
     if robot.base == "free":
-        found["tau"] = found["tau"][:, 6:]
-    if "forward_dynamics" in ours:
-        reached = [*joints[:2], ours["qdd"] @ twin.ratios.T]
+        by_output["tau"] = by_output["tau"][:, 6:]
+    if "forward_dynamics" in our_outputs:
+        reached = [*joints[:2], our_outputs["qdd"] @ twin.ratios.T]
         base = samples.base
         if robot.base == "free":
-            base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
-        found["forward_dynamics"] = _generalized(robot, RobotScales(robot.tree, reached, base, gravity), columns)
-    return found
+            base = replace(base, a=our_outputs["a1"], alpha=our_outputs["alpha1"])
+        by_output["forward_dynamics"] = _generalized_scales(
+            robot, RobotScales(robot.tree, reached, base, gravity), columns
+        )
+    return by_output
 
 
-def _generalized(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
-    """Return the scales of generalized forces of those of forces, torques and rotors; shape (N, columns)."""
+def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
+    """Return the scales of generalized forces, from those of forces, torques and rotors; shape (N, columns)."""
     force, torque = scales.forces()
     slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
     along = np.where(slides, force[:, 1:], torque[:, 1:]) + scales.rotor_efforts()
@@ -351,15 +378,17 @@ def _generalized(robot: Mechanism, scales: RobotScales, columns: Float64Array) -
     return np.concatenate((*base, along), axis=1) @ columns
 
 
-def _errors(
-    got: Float64Array, expected: Float64Array, scale: Float64Array, u: float, parts: int
+def _errors_by_part(
+    computed: Float64Array, expected: Float64Array, scale: Float64Array, u: float, part_count: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Return errors, and errors in units of u * scale, of the worst component of each part; shape (N, parts)."""
+    """Return two arrays (N, parts): the error of the worst component of each part, and the same in units of u *
+    scale.
+    """
     comparable = np.isfinite(expected) & np.isfinite(scale)
     smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)
     with np.errstate(all="ignore"):
-        error = np.abs(got - expected)
+        error = np.abs(computed - expected)
         error = np.where(comparable, np.where(np.isfinite(error), error, np.inf), np.nan)
         ratio = error / np.maximum(scale * u, smallest)
-    shape = len(expected), parts, error[0].size // parts if len(expected) else 1
+    shape = len(expected), part_count, error[0].size // part_count if len(expected) else 1
     return error.reshape(shape).max(axis=-1), ratio.reshape(shape).max(axis=-1)

@@ -13,13 +13,14 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import PINOCCHIO_BOUND
 
-_ROBOT_REPORT_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+_ROBOT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
 """Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotComparison:
-    """One output by both routes, of all links or joints that have it.
+    """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it: the largest error,
+    and its bound.
 
     Attributes:
         output: its name.
@@ -50,7 +51,7 @@ class RobotComparison:
 
     @property
     def note(self) -> str:
-        """A sentence on the samples that were left out; empty where there are none."""
+        """Sentence on samples that were left out since the mass matrix is singular; empty where there are none."""
         if not self.singular:
             return ""
         where = f"{self.singular} of {self.samples + self.singular} samples"
@@ -60,7 +61,7 @@ class RobotComparison:
     def worst_of(
         cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
     ) -> RobotComparison:
-        """Return the worst of errors and ratios.
+        """Return the comparison of one output from its errors and its errors in units of u * scale, at all samples.
 
         Args:
             output: name of the output.
@@ -80,7 +81,8 @@ class RobotComparison:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotValidation(Shown):
-    """A robot by the equations and by Pinocchio.
+    """Report on the comparison of the outputs of a robot with Pinocchio's: one row per output, a verdict, a table,
+    JSON.
 
     Attributes:
         name: of the robot.
@@ -117,7 +119,7 @@ class RobotValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """The outcome in a line."""
+        """Result as one line: PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -137,12 +139,12 @@ class RobotValidation(Shown):
         return f"RobotValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the table of the comparison: title, one row per output, and notes with the verdict."""
+        """Return the printed table of the comparison: title, one row per output, and notes with the verdict."""
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]
         return Sheet(
-            title, (_ROBOT_REPORT_HEADER, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict)
+            title, (_ROBOT_TABLE_HEADINGS, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict)
         )
 
     def to_json(self) -> str:
@@ -153,7 +155,7 @@ class RobotValidation(Shown):
 
 
 def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:
-    """Return the cells of a table's row that compares one output of a robot with Pinocchio's."""
+    """Return the cells of a row of a report's table that compares one output of a robot with Pinocchio's."""
     if row.worst_sample is None:
         verdict = "not compared" if row.singular else "nothing compared"
         return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", verdict

@@ -25,12 +25,12 @@ from hingepair.pair.body_motion import BodyMotion
 
 FRAME_MOTION_NAMES = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the position, attitude, velocities and accelerations of a frame."""
-_SCALE_SYMBOLS = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+_SCALE_SYMBOL_BY_OUTPUT = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 """Symbols of the scales of a frame's motion by the name of the quantity; the attitude's scale is by itself."""
 
 
 class RobotScales:
-    """The scales of a robot's results at N samples.
+    """Scales of the errors of a robot's outputs at N samples: the sizes of their terms before these cancel.
 
     Args:
         tree: the robot.
@@ -47,48 +47,53 @@ class RobotScales:
         self._shift, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
         self._gravity = float(norm(gravity))
         parts = {letter: getattr(base, letter, None) for letter in ("R", "v", "omega", "a", "alpha")}
-        own = {letter: np.zeros(count) + (0.0 if part is None else norm(part)) for letter, part in parts.items()}
-        size = {"R": own["R"], "v": own["v"], "W": own["omega"], "A": own["alpha"]}
-        size["a"] = own["a"] + own["omega"] * own["v"]
+        base_sizes = {
+            letter: np.zeros(count) + (0.0 if part is None else norm(part)) for letter, part in parts.items()
+        }
+        size = {"R": base_sizes["R"], "v": base_sizes["v"], "W": base_sizes["omega"], "A": base_sizes["alpha"]}
+        size["a"] = base_sizes["a"] + base_sizes["omega"] * base_sizes["v"]
         self._sizes = [size]
         self._sums = [{**size, "S": np.ones(count)}]
         self._lengths = [np.zeros(count)]
         for k, joint in enumerate(tree.joints):
             slides = joint.kind == "slider"
             length = float(norm(joint.u)) + (self._shift[:, k] if slides else 0.0)
-            size = _grown(self._sizes[joint.parent], length, self._rates[:, k], self._changes[:, k], slides)
+            size = _sizes_behind_joint(
+                self._sizes[joint.parent], length, self._rates[:, k], self._changes[:, k], slides
+            )
             self._sizes.append(size)
             turns = 1.0 if joint.mimic is None or slides else 1.0 + self._shift[:, k]
-            self._sums.append(_added(self._sums[joint.parent], size, turns))
+            self._sums.append(_add_sizes(self._sums[joint.parent], size, turns))
             self._lengths.append(length + np.zeros(count))
-        self._distances = self._largest_distances()
+        self._distances = self._distance_bounds()
 
     def motion(self, frame: Frame) -> dict[str, Float64Array]:
-        """Return the scales of R, S, v, omega, a and alpha of a frame; shape (N,) each."""
-        size = _grown(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, slides=False)
-        total = _added(self._sums[frame.body], size, 1.0)
-        return {"S": total["S"], **{name: total[letter] for name, letter in _SCALE_SYMBOLS.items()}}
+        """Return the scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
+        size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, is_slider=False)
+        total = _add_sizes(self._sums[frame.body], size, 1.0)
+        return {"S": total["S"], **{name: total[letter] for name, letter in _SCALE_SYMBOL_BY_OUTPUT.items()}}
 
     def jacobian(self, frame: Frame) -> Float64Array:
-        """Return the scales of the Jacobian of a frame, of the six columns of the base before those of the joints.
+        """Return the scales of the Jacobian of a frame; six columns of the base come before those of the joints.
 
         Pinocchio has the joints' motions at the world's origin first, so that positions count. Shape
         (N, 6, 6 + joints).
         """
         steps = self._sums[frame.body]["S"][:, None]
         place = self._sizes[frame.body]["R"] + float(norm(frame.R))
-        found = np.zeros((len(place), 6, 6 + len(self._tree.joints)))
+        scales = np.zeros((len(place), 6, 6 + len(self._tree.joints)))
         for body in np.flatnonzero(self._carries[:, frame.body]):
-            for column, slides in self._columns(int(body)):
+            for column, slides in self._velocity_columns(int(body)):
                 lever = (place + self._sizes[body]["R"])[:, None]
-                found[:, :3, column] = steps if slides else lever * steps
-                found[:, 3:, column] = 0.0 if slides else steps
-        return found
+                scales[:, :3, column] = steps if slides else lever * steps
+                scales[:, 3:, column] = 0.0 if slides else steps
+        return scales
 
     def forces(self) -> tuple[Float64Array, Float64Array]:
-        """Return the scales of what acts on each body at its reference point: force [N] and torque [N m].
+        """Return the scales of the force [N] and of the torque [N m] on each body at its reference point, the base
+        first.
 
-        The base is the first; shape (N, 1 + joints) each.
+        Shape (N, 1 + joints) each.
         """
         count, bodies = len(self._lengths[0]), len(self._lengths)
         force, torque = np.zeros((2, count, bodies))
@@ -113,84 +118,94 @@ class RobotScales:
         return np.asarray(self._changes * [joint.armature for joint in self._tree.joints])
 
     def mass_matrix(self) -> Float64Array:
-        """Return the scales of the mass matrix in the base's six velocities and the rates of all joints.
+        """Return the scales of the mass matrix, whose columns are the base's six velocities and the rates of all
+        joints.
 
         Shape (N, 6 + joints, 6 + joints).
         """
         joints = len(self._tree.joints)
-        found = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
+        scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
         for k in range(1 + joints):
             masses, steps = self._masses(k), 1.0 + self._sums[k]["S"]  # inertias are turned from both sides
             lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
-            carriers = [column for body in np.flatnonzero(self._carries[:, k]) for column in self._columns(int(body))]
+            carriers = [
+                column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))
+            ]
             bodies = [max(column - 5, 0) for column, _ in carriers]
             slides = np.array([slides for _, slides in carriers])
             arms = np.where(slides, 1.0, self._distances[:, bodies, k] + lever)
             place = np.array([column for column, _ in carriers])
             both = abs(masses.mass) * arms[:, :, None] * arms[:, None, :]
             both += inertia * (~slides[:, None] & ~slides[None, :])
-            found[:, place[:, None], place[None, :]] += steps[:, None, None] * both
+            scales[:, place[:, None], place[None, :]] += steps[:, None, None] * both
         for k, joint in enumerate(self._tree.joints):
-            found[:, k + 6, k + 6] += joint.armature
-        return found
+            scales[:, k + 6, k + 6] += joint.armature
+        return scales
 
     def energy_and_momentum(self) -> dict[str, Float64Array]:
-        """Return the scales of kinetic and potential energy and of both momenta about the origin; shape (N,) each."""
+        """Return the scales of kinetic and potential energy and of both momenta about the origin, by name; shape (N,)
+        each.
+        """
         count = len(self._lengths[0])
-        found = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
+        scales = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
         for k in range(len(self._lengths)):
             masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
             lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
             mass = abs(masses.mass)
             rate, place = sums["v"] + sums["W"] * lever, sums["R"] + sums["S"] * lever
-            found["kinetic"] += mass * rate * (size["v"] + size["W"] * lever) + inertia * sums["W"] * size["W"]
-            found["potential"] += mass * self._gravity * place
-            found["linear"] += mass * rate
-            found["angular"] += mass * (rate * (size["R"] + lever) + place * (size["v"] + size["W"] * lever))
-            found["angular"] += inertia * sums["W"]
+            scales["kinetic"] += mass * rate * (size["v"] + size["W"] * lever) + inertia * sums["W"] * size["W"]
+            scales["potential"] += mass * self._gravity * place
+            scales["linear"] += mass * rate
+            scales["angular"] += mass * (rate * (size["R"] + lever) + place * (size["v"] + size["W"] * lever))
+            scales["angular"] += inertia * sums["W"]
         for k, joint in enumerate(self._tree.joints):
-            found["kinetic"] += joint.armature * self._rates[:, k] ** 2
-        return found
+            scales["kinetic"] += joint.armature * self._rates[:, k] ** 2
+        return scales
 
     def _masses(self, body: int) -> MassProperties:
         return self._tree.joints[body - 1].body if body else self._tree.base
 
-    def _columns(self, body: int) -> list[tuple[int, bool]]:
-        """Return the columns of a body's joint, of the base six, and whether its motion is a shift."""
+    def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
+        """Return pairs (column, whether it is a translation) for the velocity of a body's joint; for the base there
+        are six.
+        """
         if body == 0:
             return [(column, column < 3) for column in range(6)]
         return [(body + 5, self._tree.joints[body - 1].kind == "slider")]
 
-    def _largest_distances(self) -> Float64Array:
-        """Return upper bounds on the distance [m] from each body to each that it carries; set `_carries`.
+    def _distance_bounds(self) -> Float64Array:
+        """Return upper bounds on the distance [m] from each body to each that it carries; keep in `_carries` which
+        these are.
 
         The shape of the bounds is (N, bodies, bodies), 0 where a body does not carry the other; that of `_carries`,
         whether it does, is (bodies, bodies).
         """
         bodies = len(self._lengths)
         self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
-        found = np.zeros((len(self._lengths[0]), bodies, bodies))
+        bounds = np.zeros((len(self._lengths[0]), bodies, bodies))
         for k, joint in enumerate(self._tree.joints, 1):
             above = self._carries[:, joint.parent]
             self._carries[above, k] = True
-            found[:, above, k] = found[:, above, joint.parent] + self._lengths[k][:, None]
-        return found
+            bounds[:, above, k] = bounds[:, above, joint.parent] + self._lengths[k][:, None]
+        return bounds
 
 
-def _grown(size: dict[str, Any], length: Any, rate: Any, change: Any, slides: bool) -> dict[str, Any]:
-    """Return the sizes behind a joint, of those before it."""
-    W, A, v, a = (size[letter] for letter in "WAva")
-    turn, shift = (0.0, rate) if slides else (rate, 0.0)
+def _sizes_behind_joint(
+    sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
+) -> dict[str, Any]:
+    """Return the sizes of the motion behind a joint, from those before it and the size of the joint's own motion."""
+    W, A, v, a = (sizes[letter] for letter in "WAva")
+    turn, shift = (0.0, rate) if is_slider else (rate, 0.0)
     both = W + turn
-    found = {"R": size["R"] + length, "W": both, "v": v + W * length + shift}
-    found["A"] = A + (0.0 if slides else change) + W * turn + turn * turn
-    found["a"] = a + (A + W * W) * length + (W + both) * v + W * both * length
-    if slides:
-        found["a"] = found["a"] + change + 2 * W * rate
-    return found
+    grown = {"R": sizes["R"] + length, "W": both, "v": v + W * length + shift}
+    grown["A"] = A + (0.0 if is_slider else acceleration) + W * turn + turn * turn
+    grown["a"] = a + (A + W * W) * length + (W + both) * v + W * both * length
+    if is_slider:
+        grown["a"] = grown["a"] + acceleration + 2 * W * rate
+    return grown
 
 
-def _added(sums: dict[str, Any], size: dict[str, Any], weight: Any) -> dict[str, Any]:
-    """Return the sums of sizes with those of a further joint."""
-    more = {letter: sums[letter] + weight * value for letter, value in size.items()}
-    return {**more, "S": sums["S"] + weight}
+def _add_sizes(sums: dict[str, Any], sizes: dict[str, Any], weight: Any) -> dict[str, Any]:
+    """Return sums of sizes with those of a further joint, by a weight."""
+    added = {letter: sums[letter] + weight * value for letter, value in sizes.items()}
+    return {**added, "S": sums["S"] + weight}

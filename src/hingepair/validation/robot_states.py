@@ -7,7 +7,7 @@ import numpy as np
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 
-RANDOM_STATES = 200
+RANDOM_STATE_COUNT = 200
 """Number of random states, beside the hard ones."""
 
 _HARD_ANGLES = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)  # [rad]; sliders are taken at 0
@@ -15,7 +15,7 @@ _HARD_RATES = (0.0, 1e3, 1e-9)  # [rad/s]
 
 
 def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return q, q' and q'' of random and of hard states: tiny, straight, huge angles; no, tiny and fast rates.
+    """Return q, q' and q'' of random states, and of states at which computations tend to fail.
 
     Args:
         robot: the robot.
@@ -25,7 +25,7 @@ def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Arra
         Arrays of shape (N, dof) [rad or m, by s, by s^2].
     """
     rng = np.random.default_rng(seed)
-    size = RANDOM_STATES, robot.dof
+    size = RANDOM_STATE_COUNT, robot.dof
     hinges = np.array([joint.kind == "hinge" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
     qd, qdd = [rng.uniform(-2, 2, size)], [rng.uniform(-5, 5, size)]

@@ -33,101 +33,102 @@ from hingepair.validation.free_flyer import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotTwin:
-    """A robot as a Pinocchio model, and the way of its coordinates there.
+    """A robot as a Pinocchio model, and the conversion of the robot's coordinates to Pinocchio's.
 
     Attributes:
-        model: a free-flyer "root_joint" where `flies`, then the joints that move, in their order; the links are its
-            frames of type BODY, further frames are of type OP_FRAME.
+        model: a free-flyer "root_joint" where `has_free_flyer`, then the joints that move, in their order; the links
+            are its frames of type BODY, further frames are of type OP_FRAME.
         data: its scratch memory.
-        flies: whether the base is a free-flyer.
+        has_free_flyer: whether the base is a free-flyer.
         ratios: rates of the joints of the model for the rates of the robot's coordinates; shape (joints, dof).
         offsets: positions of the joints of the model where q is zero [rad or m]; shape (joints,).
     """
 
     model: Any
     data: Any
-    flies: bool
+    has_free_flyer: bool
     ratios: Float64Array
     offsets: Float64Array
 
     def configuration(self, q: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's q, shape (..., nq), of the robot's q, shape (..., dof), and of R and S of the base.
+        """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and for R and S of the base.
 
         Raises:
             ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
         """
-        base = self._of_base(base_motion, pinocchio_configuration)
-        return _join_coordinates(base, self._of_joints("q", q) + self.offsets)
+        base = self._base_coordinates(base_motion, pinocchio_configuration)
+        return _join_coordinates(base, self._joint_coordinates("q", q) + self.offsets)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's v, shape (..., nv), of q, qd, shape (..., dof), and of S, v and omega of the base.
+        """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and for S, v and omega of the base.
 
         Raises:
             ArgumentError: as `configuration`.
         """
-        self._of_joints("q", q)
-        return _join_coordinates(self._of_base(base_motion, pinocchio_velocity), self._of_joints("qd", qd))
+        self._joint_coordinates("q", q)
+        return _join_coordinates(
+            self._base_coordinates(base_motion, pinocchio_velocity), self._joint_coordinates("qd", qd)
+        )
 
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
-        """Return Pinocchio's a, which is spatial, shape (..., nv), of q, qd, qdd and of the motion of the base.
+        """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd, qdd and the motion of the base.
 
         Raises:
             ArgumentError: as `configuration`.
         """
-        self._of_joints("q", q), self._of_joints("qd", qd)
-        return _join_coordinates(self._of_base(base_motion, pinocchio_acceleration), self._of_joints("qdd", qdd))
+        self._joint_coordinates("q", q), self._joint_coordinates("qd", qd)
+        return _join_coordinates(
+            self._base_coordinates(base_motion, pinocchio_acceleration), self._joint_coordinates("qdd", qdd)
+        )
 
-    def _of_joints(self, name: str, values: ArrayLike) -> Float64Array:
-        """Return the mechanism's coordinates as those of all joints of Pinocchio's model, followers included."""
-        own = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
-        rates = np.zeros((*own.shape[:-1], len(self.ratios)))
+    def _joint_coordinates(self, name: str, values: ArrayLike) -> Float64Array:
+        """Convert q, qd or qdd of the robot to values of all joints of Pinocchio's model, followers included, without
+        offsets.
+        """
+        robot_values = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
+        joint_values = np.zeros((*robot_values.shape[:-1], len(self.ratios)))
         for joint, row in enumerate(self.ratios):
             for column in np.flatnonzero(row):
-                rates[..., joint] = row[column] * own[..., column]
-        return rates
+                joint_values[..., joint] = row[column] * robot_values[..., column]
+        return joint_values
 
-    def _of_base(self, base_motion: BodyMotion | None, coordinates: Any) -> list[Float64Array]:
-        """Return the coordinates of Pinocchio's free-flyer for a motion of the base; none where the base is fixed."""
-        if not self.flies:
+    def _base_coordinates(self, base_motion: BodyMotion | None, convert: Any) -> list[Float64Array]:
+        """Return the parts of Pinocchio's coordinates that describe the free-flyer, by a conversion of the base's
+        motion; none without a free-flyer.
+        """
+        if not self.has_free_flyer:
             if base_motion is not None:
                 raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)
             return []
-        found: Mapping[str, Float64Array] = coordinates(RESTING_BASE_MOTION if base_motion is None else base_motion)
-        return list(found.values())
+        by_name: Mapping[str, Float64Array] = convert(RESTING_BASE_MOTION if base_motion is None else base_motion)
+        return list(by_name.values())
 
 
-# Position, velocities and accelerations of a base that rests at the origin.
-_ZERO_COMPONENTS = np.zeros(3)
-RESTING_BASE_MOTION = BodyMotion(
-    R=_ZERO_COMPONENTS,
-    S=np.eye(3),
-    v=_ZERO_COMPONENTS,
-    omega=_ZERO_COMPONENTS,
-    a=_ZERO_COMPONENTS,
-    alpha=_ZERO_COMPONENTS,
-)
+RESTING_BASE_MOTION = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
 """A base that rests at the origin."""
 
 
-def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
-    """Return a robot as a Pinocchio model.
+def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> RobotTwin:
+    """Return a robot as a Pinocchio model with conversions of coordinates to Pinocchio's.
 
     Args:
         robot: the robot; the mass of a fixed base, which counts nowhere, is not in the model.
-        flies: whether the base is a free-flyer; unless given, where the robot's base is free.
+        has_free_flyer: whether the base is a free-flyer; unless given, where the robot's base is free.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
     """
     pin = import_pinocchio("to_pinocchio")
-    tree, flying = robot.tree, robot.base == "free" if flies is None else flies
+    tree = robot.tree
+    if has_free_flyer is None:
+        has_free_flyer = robot.base == "free"
     model = pin.Model()
     model.name = tree.name
     known = {joint.name for joint in tree.joints}
     flyer = "root_joint" if "root_joint" not in known else max(known, key=len) + "_root"
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if flying else 0
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if has_free_flyer else 0
     kinds = {"hinge": pin.JointModelRevoluteUnaligned, "slider": pin.JointModelPrismaticUnaligned}
     for joint in tree.joints:
         axis, placement = np.array(joint.n), pin.SE3(np.array(joint.S), np.array(joint.u))
@@ -149,7 +150,7 @@ def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         ratios[row, columns[leader.name]] = 1.0 if joint.mimic is None else joint.mimic.multiplier
         offsets[row] = 0.0 if joint.mimic is None else joint.mimic.offset
-    return RobotTwin(model, model.createData(), flying, ratios, offsets)
+    return RobotTwin(model, model.createData(), has_free_flyer, ratios, offsets)
 
 
 def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:

@@ -15,9 +15,9 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from hingepair.validation.report import FORCE_BOUND, Comparison, RateComparison
+from hingepair.validation.report import MAX_FORCE_ERROR_RATIO, Comparison, RateComparison
 
-_COMPONENTS_FROM_LOADS: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_LOAD_COMPONENTS_BY_BASE: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -26,15 +26,15 @@ _COMPONENTS_FROM_LOADS: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
 """Components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that nothing but
 loads gives, by the base and by whether the motion is in the plane; the hinge's alone if body 1 is held or carried."""
 # Where the loads stand in Pinocchio's generalized force.
-_LOAD_SLICES: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
+_FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
-_SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
-_REACH: Final = 3  # samples to either side whose slopes are off alike
-_MAX_SLOPE_DIFFERENCE: Final = 1e-3  # of the largest rate: slopes of both orders that differ by more are no slopes
-_RATE_TOLERANCE: Final = 0.05  # of the largest rate: what a rate that belongs to other values is off by
-_MAX_RATE_CHANGE: Final = (
-    0.5  # largest change of a rate between samples, of the largest rate: beyond, an oscillation may hide
-)
+_DIFFERENCE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
+_NEIGHBOUR_SAMPLE_COUNT: Final = 3  # samples to either side whose slopes are off alike
+# Of the largest rate: slopes of both orders that differ by more are no slopes.
+_MAX_RELATIVE_SLOPE_DIFFERENCE: Final = 1e-3
+_RELATIVE_RATE_TOLERANCE: Final = 0.05  # of the largest rate: what a rate that belongs to other values is off by
+# Of the largest rate: where a rate changes by more between samples, an oscillation may hide between them.
+_MAX_RELATIVE_RATE_CHANGE: Final = 0.5
 
 
 def compare_forces(
@@ -45,9 +45,10 @@ def compare_forces(
     gravity: Iterable[float],
     *,
     base: str,
-    flat: bool,
+    is_planar: bool,
 ) -> tuple[Comparison, ...]:
-    """Compare the loads of a motion with the forces that it takes by Pinocchio's `rnea`.
+    """Compare the loads of a simulated motion with the forces that the motion requires by Pinocchio's inverse
+    dynamics (`rnea`); return one comparison for each load.
 
     Args:
         pair: the pair in space, with its masses.
@@ -56,7 +57,7 @@ def compare_forces(
         loads: what acts, by name: force1, torque1, force2, torque2, (N, 3), and hinge_torque, (N,), and its parts.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
         base: "free", "pinned", "fixed" or "prescribed": what holds body 1 gives forces that are no loads.
-        flat: whether the motion is in the plane z = 0, which takes forces across it that are no loads either.
+        is_planar: whether the motion is in the plane z = 0, which takes forces across it that are no loads either.
 
     Returns:
         Of each of force1, torque1 (body 1's axes) and hinge_torque that loads alone give: the largest difference.
@@ -68,27 +69,27 @@ def compare_forces(
     q, v = twin.configuration(body1, psi), twin.velocity(body1, psi, psid)
     a = twin.acceleration(body1, psi, psid, psidd)
     q[:, :3] = 0.0  # forces do not depend on the place, whose size would round the levers away
-    turned = np.swapaxes(np.asarray(body1.S), -1, -2)
-    acting = [(turned @ loads[name][..., None])[..., 0] for name in ("force1", "torque1")]
-    given = np.concatenate([*acting, loads["hinge_torque"][:, None]], axis=-1)
+    to_body1_axes = np.swapaxes(np.asarray(body1.S), -1, -2)
+    body1_loads = [(to_body1_axes @ loads[name][..., None])[..., 0] for name in ("force1", "torque1")]
+    load_forces = np.concatenate([*body1_loads, loads["hinge_torque"][:, None]], axis=-1)
     on_body2 = np.concatenate([loads["force2"], loads["torque2"]], axis=-1)
-    taken = np.full((len(q), 7), np.nan)
+    required_forces = np.full((len(q), 7), np.nan)
     for i in np.flatnonzero(np.isfinite(np.hstack([q, v, a])).all(axis=1)):
-        taken[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i])
+        required_forces[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i])
         if on_body2[i].any():
             jacobian = pin.computeFrameJacobian(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
-            given[i] += jacobian.T @ on_body2[i]
-    balanced = _COMPONENTS_FROM_LOADS.get((base, flat), (6,))
-    held = [i for i in range(7) if i not in balanced]
-    given[:, held] = taken[:, held]
+            load_forces[i] += jacobian.T @ on_body2[i]
+    load_components = _LOAD_COMPONENTS_BY_BASE.get((base, is_planar), (6,))
+    other_components = [i for i in range(7) if i not in load_components]
+    load_forces[:, other_components] = required_forces[:, other_components]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
     rows = []
-    for name, columns in _LOAD_SLICES.items():
-        if {*range(*columns.indices(7))} & {*balanced}:
-            errors = error_ratios(name, given[:, columns], taken[:, columns], scales[name])
-            rows.append(Comparison.worst_of(name, *errors, psi.shape, FORCE_BOUND))
+    for name, columns in _FORCE_SLICE_BY_LOAD.items():
+        if {*range(*columns.indices(7))} & {*load_components}:
+            errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
+            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_FORCE_ERROR_RATIO))
     return tuple(rows)
 
 
@@ -100,26 +101,29 @@ def _force_scales(
     loads: Mapping[str, Float64Array],
     gravity: float,
 ) -> dict[str, Float64Array]:
-    """Compute the size of the terms of each force before they cancel; shape (N,)."""
+    """Compute the scale of the error of each force, the size of its terms before they cancel; return arrays (N,) by
+    load.
+    """
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
     W2, A2 = W1 + np.abs(psid), A1 + np.abs(psidd) + W1 * np.abs(psid)
     to_hinge = float(norm(pair.u1))
-    moved = sizes["a"] + (W1 + W2) * sizes["v"] + W1 * W2 * to_hinge + gravity
+    acceleration = sizes["a"] + (W1 + W2) * sizes["v"] + W1 * W2 * to_hinge + gravity
     force = norm(loads["force1"]) + norm(loads["force2"])
     torque = norm(loads["torque1"]) + norm(loads["torque2"])
     if pair.body1 is not None:
         lever = float(norm(pair.body1.center_of_mass))
-        push = pair.body1.mass * (moved + (A1 + W1**2) * lever)
-        force, torque = force + push, torque + lever * push + np.abs(pair.body1.inertia).max() * (A1 + W1**2)
+        inertial_force = pair.body1.mass * (acceleration + (A1 + W1**2) * lever)
+        force = force + inertial_force
+        torque = torque + lever * inertial_force + np.abs(pair.body1.inertia).max() * (A1 + W1**2)
     parts = [np.abs(load) for name, load in loads.items() if name.endswith("_torque")]
     hinge_torque = np.sum(parts, axis=0) + norm(loads["torque2"]) + float(norm(pair.u2)) * norm(loads["force2"])
     if pair.body2 is not None:
         lever = float(norm(pair.body2.center_of_mass)) + float(norm(pair.u2))
-        push = pair.body2.mass * (moved + (A1 + W1**2) * to_hinge + (A2 + W2**2) * lever)
-        turning = np.abs(pair.body2.inertia).max() * (A2 + W2**2) + lever * push
-        hinge_torque, force = hinge_torque + turning, force + push
-        torque = torque + turning + to_hinge * push
+        inertial_force = pair.body2.mass * (acceleration + (A1 + W1**2) * to_hinge + (A2 + W2**2) * lever)
+        turning = np.abs(pair.body2.inertia).max() * (A2 + W2**2) + lever * inertial_force
+        hinge_torque, force = hinge_torque + turning, force + inertial_force
+        torque = torque + turning + to_hinge * inertial_force
     torque = torque + (to_hinge + float(norm(pair.u2))) * norm(loads["force2"])
     return {"force1": force, "torque1": torque, "hinge_torque": hinge_torque}
 
@@ -127,7 +131,8 @@ def _force_scales(
 def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
-    """Compare the rates of a motion with the slopes of what they are the rates of, found by finite differences.
+    """Compare the rates of a motion with slopes, by finite differences, of the quantities whose rates they are.
+    Return one comparison for each rate.
 
     Only instants at which slopes of order 6 and order 4 agree are compared: not those beside kinks, and none where
     the instants are too few for the motion. A rate that differs is wrong; one that is not compared may be right.
@@ -145,28 +150,38 @@ def compare_rates(
     chains: list[tuple[tuple[str, str, str], tuple[Any, Any, Any]]] = [(("psi", "psid", "psidd"), hinge)]  # type: ignore[list-item]
     if body1_moves:
         chains += [(("R1", "v1", "a1"), (body1.R, body1.v, body1.a))]
-        spin, turn = skew(omega) @ S, skew(np.asarray(body1.alpha)) @ S + skew(omega) @ (skew(omega) @ S)
-        chains += [(("S1", "omega1", "alpha1"), (S, spin, turn))]
+        S_dot, S_ddot = skew(omega) @ S, skew(np.asarray(body1.alpha)) @ S + skew(omega) @ (skew(omega) @ S)
+        chains += [(("S1", "omega1", "alpha1"), (S, S_dot, S_ddot))]
     rows = []
     for names, arrays in chains:
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE * sizes[0]
-        for name, of, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
-            error = _differences(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
+        enough = len(t) > _DIFFERENCE_ORDERS[0] and step * sizes[1] <= _MAX_RELATIVE_RATE_CHANGE * sizes[0]
+        for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
+            error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
             rows.append(
                 RateComparison.worst_of(
-                    name, of, error, _RATE_TOLERANCE * float(np.nanmax(np.abs(rate), initial=0.0))
+                    name, quantity, error, _RELATIVE_RATE_TOLERANCE * float(np.nanmax(np.abs(rate), initial=0.0))
                 )
             )
     return tuple(rows)
 
 
-def _differences(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
-    """Compute how far a rate is from the slopes of values, both (N, k); shape (N,), NaN where there is no slope."""
-    fine, coarse = (np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _SLOPE_ORDERS)
-    apart = np.abs(fine - coarse).max(axis=-1)
-    off = np.max([np.roll(np.pad(apart, _REACH), k) for k in range(-_REACH, _REACH + 1)], axis=0)[_REACH:-_REACH]
-    resolved = off <= _MAX_SLOPE_DIFFERENCE * np.nanmax(np.abs(fine), initial=0.0)
-    return np.where(resolved, np.abs(rate - fine).max(axis=-1), np.nan)
+def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
+    """Return the difference of a rate from the slope of values, both (N, k), as an array (N,); NaN where the slope is
+    uncertain.
+    """
+    fine, coarse = (
+        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _DIFFERENCE_ORDERS
+    )
+    disagreement = np.abs(fine - coarse).max(axis=-1)
+    slope_error = np.max(
+        [
+            np.roll(np.pad(disagreement, _NEIGHBOUR_SAMPLE_COUNT), k)
+            for k in range(-_NEIGHBOUR_SAMPLE_COUNT, _NEIGHBOUR_SAMPLE_COUNT + 1)
+        ],
+        axis=0,
+    )[_NEIGHBOUR_SAMPLE_COUNT:-_NEIGHBOUR_SAMPLE_COUNT]
+    is_resolved = slope_error <= _MAX_RELATIVE_SLOPE_DIFFERENCE * np.nanmax(np.abs(fine), initial=0.0)
+    return np.where(is_resolved, np.abs(rate - fine).max(axis=-1), np.nan)
