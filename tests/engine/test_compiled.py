@@ -18,7 +18,7 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.plans.plan import SPATIAL_MOTION, default_outputs, make_plan, plan_loop
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 from support.work import HANG
@@ -46,7 +46,7 @@ def both(one, *motion, **options):
     return a, b
 
 
-@pytest.mark.parametrize("sequence", sparse(SEQUENCES, len(SEQUENCES)))
+@pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, len(SEQUENCE_NAMES)))
 def test_every_sequence(sequence):
     rng = generator(60)
     both(pair_of(rng, sequence.islower()), *coordinates(rng, 50), sequence=sequence, outputs=NAMES)

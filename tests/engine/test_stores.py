@@ -11,7 +11,7 @@ from hingepair.engine import binding, llvm_arithmetic, llvm_ir
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_arithmetic import MAX_REGISTER_COMPONENTS
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES
-from hingepair.engine.llvm_memory import MAX_STREAMED_COMPONENTS, PANEL_COMPONENTS
+from hingepair.engine.llvm_memory import COMPONENTS_PER_PANEL, MAX_STREAMED_COMPONENTS
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -25,16 +25,16 @@ FAST_WIDTHS = {
     MAX_REGISTER_COMPONENTS,
     MAX_REGISTER_COMPONENTS + 1,
     24,
-    PANEL_COMPONENTS + 3,
+    COMPONENTS_PER_PANEL + 3,
     MAX_STREAMED_COMPONENTS + 1,
 }
 WIDTHS = sorted(
     {
         *range(1, 41),
         *FAST_WIDTHS,
-        PANEL_COMPONENTS - 1,
-        PANEL_COMPONENTS,
-        2 * PANEL_COMPONENTS + 5,
+        COMPONENTS_PER_PANEL - 1,
+        COMPONENTS_PER_PANEL,
+        2 * COMPONENTS_PER_PANEL + 5,
         300,
         MAX_STREAMED_COMPONENTS,
         600,
@@ -197,7 +197,7 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
     monkeypatch.setattr(llvm_arithmetic, "_MAX_UNSPLIT_OPERATIONS", 0)
-    monkeypatch.setattr(llvm_arithmetic, "_STEP_OPERATIONS", length)
-    monkeypatch.setattr(llvm_arithmetic, "_RELOAD_OPERATIONS", distance)
+    monkeypatch.setattr(llvm_arithmetic, "_OPERATIONS_PER_STEP", length)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_RELOAD", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

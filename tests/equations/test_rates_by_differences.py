@@ -14,7 +14,7 @@ from hingepair.equations import derivatives as der
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from support.differences import (
-    SEQUENCES,
+    SEQUENCE_NAMES,
     Body,
     Cloud,
     at,
@@ -59,7 +59,7 @@ class Pair(Body):
         return column(vee(rate(lambda h: self.S2(s + h, n)) * self.S2(s, n).T))
 
 
-@pytest.fixture(params=SEQUENCES)
+@pytest.fixture(params=SEQUENCE_NAMES)
 def pair(request):
     return Pair(request.param)
 

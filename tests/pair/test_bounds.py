@@ -7,7 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.pair.accuracy import PROMISES
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import extended, reference, states
 from support.reference import BOUNDS, ORDINARY, OUTPUTS
 
@@ -32,7 +32,7 @@ def rounded(numbers, dtype):
 def many(request):
     """2,000 states of 63 pairs: 1,008 by Euler angles of all sequences, 992 by a given attitude."""
     dtype, by_angles, by_attitude = request.param, [], []
-    for k, sequence in enumerate(SEQUENCES + ("XYZ",) * 8):
+    for k, sequence in enumerate(SEQUENCE_NAMES + ("XYZ",) * 8):
         rng = states.generator(14, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
         motion = [rounded(c, dtype) for c in states.coordinates(rng, 36 if k < 24 else 18)]

@@ -12,7 +12,7 @@ import hingepair as hp
 from hingepair.numeric import bounded
 from hingepair.numeric.bounded import BoundedDouble, BoundedSingle
 from hingepair.pair.accuracy import PROMISES
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import reference, states
 from support.hinged import pair_of
 from support.reference import DIGITS, exactly
@@ -66,7 +66,7 @@ def test_random_states_keep_their_bounds(sequence, dtype):
     """The bounds hold, and are not idle: rounding takes at least a tenth of some."""
     largest = 0.0
     for k in range(2):
-        rng = states.generator(90, k, SEQUENCES.index(sequence))
+        rng = states.generator(90, k, SEQUENCE_NAMES.index(sequence))
         u1, u2, n, home = states.pair(rng, home=k > 0)
         constants = (*rounded(dtype, u1, u2, n), home)
         motion = rounded(dtype, *states.coordinates(rng, 15))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import reference, states
 from support.reference import ORDINARY, OUTPUTS
 from support.sparse import sparse
@@ -55,7 +55,7 @@ def test_known_numbers(axis, motion, ledger):
     """Coordinates, their rates, axis, levers and home, of which some are 0, 1 or -1."""
     place = list(AXES).index(axis), list(MOTIONS).index(motion)
     rng = states.generator(110, *place)
-    sequence = SEQUENCES[rng.integers(len(SEQUENCES))]
+    sequence = SEQUENCE_NAMES[rng.integers(len(SEQUENCE_NAMES))]
     u1, u2 = list(LEVERS.values())[sum(place) % len(LEVERS)]  # every pair of structures once: a kernel each
     home = QUARTER if rng.random() < 0.5 else None
     q, qd, qdd = (known_in_part(MOTIONS[motion], rng) for _ in range(3))

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import made, pair_of
 from support.sparse import sparse
@@ -86,7 +86,7 @@ def test_jacobian_and_bias_are_those_of_pinocchio():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sequence", sparse(SEQUENCES, 6))
+@pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, 6))
 def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
     pair, (q, qd, qdd) = made(4), coordinates(generator(72), COUNT)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support.reference import DIGITS, angular_motion, exactly, rotation
 from support.states import generator
 
 U = 2.0**-53
 COUNT = 12
 FAST = ("XYZ", "zxz", "yxz")
-EACH = [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in SEQUENCES]
+EACH = [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in SEQUENCE_NAMES]
 STEP = 1e-20
 
 
@@ -49,7 +49,7 @@ def angles(proper, *key):
 
 @pytest.mark.parametrize("sequence", EACH)
 def test_matrices_are_exact(sequence):
-    phi, phid = angles(sequence[0] == sequence[2], SEQUENCES.index(sequence))
+    phi, phid = angles(sequence[0] == sequence[2], SEQUENCE_NAMES.index(sequence))
     found = hp.euler_kinematics(phi, phid, sequence)
     with mpmath.workdps(DIGITS):
         exact = exactly(phi)

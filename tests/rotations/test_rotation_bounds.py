@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import extended
 from support.sparse import sparse
 from support.states import generator
@@ -111,7 +111,7 @@ def around_lock(rng, sequence):
     return phi
 
 
-@pytest.mark.parametrize("sequence", sparse(SEQUENCES, 5))
+@pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, 5))
 def test_euler_angles_give_the_attitude_back(sequence, ledger):
     """S(euler(S)) to 6 u, at lock too: the angles that come back are a representative, whatever the outer two are."""
     phi = around_lock(generator(66), sequence)
@@ -130,7 +130,7 @@ LOCK = {
 
 
 @pytest.mark.parametrize("dtype", LOCK)
-@pytest.mark.parametrize("sequence", sparse(SEQUENCES, 5))
+@pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, 5))
 def test_lock_is_told(sequence, dtype):
     """By the measure of euler_rates: what is locked in the angles is where euler_rates refuses them."""
     proper = sequence[0] == sequence[2]

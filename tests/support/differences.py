@@ -7,7 +7,7 @@ from mpmath import mpf
 
 STEP = mpf(10) ** -15
 SMALL = mpf(10) ** -24
-SEQUENCES = {"tait_bryan": (0, 1, 2), "proper_euler": (0, 1, 0)}
+SEQUENCE_NAMES = {"tait_bryan": (0, 1, 2), "proper_euler": (0, 1, 0)}
 
 
 def vector(seed, size=3):
@@ -79,7 +79,7 @@ class Body:
 
     def S(self, s=0):
         found = mpmath.eye(3)
-        for axis, angle in zip(SEQUENCES[self.kind], at(self.angles, s), strict=True):
+        for axis, angle in zip(SEQUENCE_NAMES[self.kind], at(self.angles, s), strict=True):
             found *= turn([int(i == axis) for i in range(3)], angle)
         return found
 

@@ -245,7 +245,7 @@ FAULTS = {
     ),
     "the first angle of a proper sequence half a turn off": Fault(
         "rotations/euler.py",
-        "(order.sign * S[3], -order.sign * S[6])",
+        "(sequence.sign * S[3], -sequence.sign * S[6])",
         "(S[3], -S[6])",
         "rotations/test_rotation_laws.py::test_angles_come_back[XZX]",
     ),
@@ -257,8 +257,8 @@ FAULTS = {
     ),
     "one threshold of lock for all types": Fault(
         "rotations/euler.py",
-        "_LOCK_LIMITS = {4: 5e-4,",
-        "_LOCK_LIMITS = {4: 1e-12,",
+        "_LOCK_LIMIT_BY_ITEMSIZE = {4: 5e-4,",
+        "_LOCK_LIMIT_BY_ITEMSIZE = {4: 1e-12,",
         "rotations/test_rotation_bounds.py::test_lock_is_told[XYX-float32]",
     ),
     "angular velocity of samples backwards": Fault(
@@ -287,8 +287,8 @@ FAULTS = {
     ),
     "the nearest rotation as the SVD rounds it": Fault(
         "rotations/matrices.py",
-        "S = _nearer(S, work /",
-        "_nearer(S, work /",
+        "S = _refine_nearest_rotation(S, work /",
+        "_refine_nearest_rotation(S, work /",
         "rotations/test_rotation_bounds.py::test_projection",
     ),
     "a reflection accepted": Fault(
@@ -299,7 +299,7 @@ FAULTS = {
     ),
     "matrices not checked": Fault(
         "rotations/matrices.py",
-        "tolerance = 2 * ROTATION_TOLERANCES[dtype.itemsize]\n    if",
+        "tolerance = 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize]\n    if",
         "tolerance = 9.0\n    if",
         "rotations/test_rotation_laws.py::test_what_is_no_rotation_is_refused[rotation_log]",
     ),
@@ -647,8 +647,8 @@ FAULTS = {
     ),
     "far angles not repaired": Fault(
         "engine/llvm_sines.py",
-        "_MAX_ANGLE: Final = 1e6",
-        "_MAX_ANGLE: Final = 1e300",
+        "_MAX_REDUCED_ANGLE: Final = 1e6",
+        "_MAX_REDUCED_ANGLE: Final = 1e300",
         "engine/test_loops.py::test_far_angles_and_none_at_all",
     ),
     "pi/2 in one part": Fault(
@@ -677,8 +677,8 @@ FAULTS = {
     ),
     "components of a vector stored in another order": Fault(
         "engine/llvm_arithmetic.py",
-        "else (left[lane], sample)",
-        "else (left[lane - 1], sample)",
+        "else (remaining_vectors[lane], sample)",
+        "else (remaining_vectors[lane - 1], sample)",
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "a scan that hands on what it was given": Fault(

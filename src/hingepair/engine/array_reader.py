@@ -18,53 +18,59 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm_ir import TABLE_FIELDS
+from hingepair.engine.llvm_ir import INTEGERS_PER_TABLE_ROW
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
-_TYPE_OFFSET: Final = 8  # the type of any object
-_VALUE_OFFSET: Final = 16  # the number of a float
-_DATA_OFFSET: Final = 16  # the address of an array's first element
-_AXES_OFFSET: Final = 24  # the number of an array's axes
-_SHAPE_OFFSET: Final = 32  # the address of an array's shape
-_STRIDES_OFFSET: Final = 40  # the address of an array's strides
-_DTYPE_OFFSET: Final = 56  # the dtype of an array
-_FLAGS_OFFSET: Final = 64  # the flags of an array
-_WRITEABLE_FLAG: Final = 0x0400  # the bit of the flags that says that an array is writable
+_TYPE_OFFSET_BYTES: Final = 8  # the type of any object
+_FLOAT_VALUE_OFFSET_BYTES: Final = 16  # the number of a float
+_DATA_ADDRESS_OFFSET_BYTES: Final = 16  # the address of an array's first element
+_RANK_OFFSET_BYTES: Final = 24  # the number of an array's axes
+_SHAPE_ADDRESS_OFFSET_BYTES: Final = 32  # the address of an array's shape
+_STRIDES_ADDRESS_OFFSET_BYTES: Final = 40  # the address of an array's strides
+_DTYPE_OFFSET_BYTES: Final = 56  # the dtype of an array
+_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
+_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
 
-MAX_RANK: Final = 3
+MAX_SAMPLE_RANK: Final = 3
 """Largest number of axes of one sample that the code reads; calls with more axes go through Python."""
 
-_ARGUMENT_FIELDS: Final = 3 + MAX_RANK
+_INTEGERS_PER_ARGUMENT: Final = 3 + MAX_SAMPLE_RANK
 """Number of integers that describe an argument: row of the kernel's table, rank, components, lengths of axes."""
 
-_POINTER_AT: Final = ctypes.c_void_p.from_address  # reads the pointer at an address
+_read_pointer: Final = ctypes.c_void_p.from_address  # reads the pointer at an address
 
 
 @functools.cache
 def knows_array_layout() -> bool:
     """Return whether floats and NumPy arrays have the memory layout that this module reads."""
-    if sys.implementation.name != "cpython" or sys.byteorder != "little" or object.__basicsize__ != _VALUE_OFFSET:
+    if (
+        sys.implementation.name != "cpython"
+        or sys.byteorder != "little"
+        or object.__basicsize__ != _FLOAT_VALUE_OFFSET_BYTES
+    ):
         return False
     probe = np.empty((2, 3))
-    pointer, integer = _POINTER_AT, ctypes.c_int64.from_address
+    pointer, integer = _read_pointer, ctypes.c_int64.from_address
     start = id(probe)
     return (
-        pointer(start + _TYPE_OFFSET).value == id(np.ndarray)
-        and pointer(start + _DATA_OFFSET).value == probe.ctypes.data
-        and ctypes.c_int32.from_address(start + _AXES_OFFSET).value == 2
-        and [integer((pointer(start + _SHAPE_OFFSET).value or 0) + 8 * k).value for k in range(2)] == [2, 3]
-        and [integer((pointer(start + _STRIDES_OFFSET).value or 0) + 8 * k).value for k in range(2)] == [24, 8]
-        and pointer(start + _DTYPE_OFFSET).value == id(probe.dtype)
-        and ctypes.c_int32.from_address(start + _FLAGS_OFFSET).value == probe.flags.num
-        and ctypes.c_double.from_address(id(0.5) + _VALUE_OFFSET).value == 0.5
-        and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _VALUE_OFFSET).value == x
+        pointer(start + _TYPE_OFFSET_BYTES).value == id(np.ndarray)
+        and pointer(start + _DATA_ADDRESS_OFFSET_BYTES).value == probe.ctypes.data
+        and ctypes.c_int32.from_address(start + _RANK_OFFSET_BYTES).value == 2
+        and [integer((pointer(start + _SHAPE_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
+        == [2, 3]
+        and [integer((pointer(start + _STRIDES_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
+        == [24, 8]
+        and pointer(start + _DTYPE_OFFSET_BYTES).value == id(probe.dtype)
+        and ctypes.c_int32.from_address(start + _FLAGS_OFFSET_BYTES).value == probe.flags.num
+        and ctypes.c_double.from_address(id(0.5) + _FLOAT_VALUE_OFFSET_BYTES).value == 0.5
+        and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _FLOAT_VALUE_OFFSET_BYTES).value == x
     )
 
 
 def data_address(array: NDArray[Any]) -> int:
-    """Return the address of an array's first element."""
+    """Return the address in memory of an array's first element."""
     if knows_array_layout():  # `array.ctypes` takes as long as a kernel takes for 100 samples
-        return _POINTER_AT(id(array) + _DATA_OFFSET).value or 0
+        return _read_pointer(id(array) + _DATA_ADDRESS_OFFSET_BYTES).value or 0
     return int(array.ctypes.data)
 
 
@@ -72,38 +78,51 @@ def call_descriptor(
     inputs: Sequence[tuple[tuple[int, ...], int]],
     outputs: Sequence[tuple[int, ...]],
     *,
-    constants: bool,
+    has_constants: bool,
     kernel: int,
-    long_call: int,
+    min_unlocked_samples: int,
 ) -> list[int]:
-    """Return the integers that tell the code of `call_ir` which kernel to call, and with what arguments.
+    """Return a list of integers that tells the code of `call_ir` which kernel to call, with what arguments.
 
     Args:
         inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that
             the kernel does not take, which is checked too.
         outputs: for each output, the shape of one sample.
-        constants: whether the kernel takes constants, as the first of its inputs.
+        has_constants: whether the kernel takes constants, as the first of its inputs.
         kernel: address of the kernel.
-        long_call: number of samples from which a call releases the interpreter's lock.
+        min_unlocked_samples: number of samples from which a call releases the interpreter's lock.
     """
     kernel_inputs = sum(place >= 0 for _, place in inputs)
-    rows = [(tail, place + constants if place >= 0 else -1) for tail, place in inputs]
-    rows += [(tail, int(constants) + kernel_inputs + k) for k, tail in enumerate(outputs)]
-    groups = int(constants) + kernel_inputs + len(outputs)
-    numbers = [kernel, len(inputs), len(rows), int(constants), groups * TABLE_FIELDS, long_call]
-    for tail, row in rows:
-        numbers += [row, len(tail), math.prod(tail), *tail, *(0,) * (MAX_RANK - len(tail))]
-    return numbers
+    rows = [(sample_shape, place + has_constants if place >= 0 else -1) for sample_shape, place in inputs]
+    rows += [(sample_shape, int(has_constants) + kernel_inputs + k) for k, sample_shape in enumerate(outputs)]
+    group_count = int(has_constants) + kernel_inputs + len(outputs)
+    integers = [
+        kernel,
+        len(inputs),
+        len(rows),
+        int(has_constants),
+        group_count * INTEGERS_PER_TABLE_ROW,
+        min_unlocked_samples,
+    ]
+    for sample_shape, row in rows:
+        integers += [
+            row,
+            len(sample_shape),
+            math.prod(sample_shape),
+            *sample_shape,
+            *(0,) * (MAX_SAMPLE_RANK - len(sample_shape)),
+        ]
+    return integers
 
 
-_ARGUMENTS_START: Final = 6  # index of the first integer that describes an argument
+_FIRST_ARGUMENT_INDEX: Final = 6  # index of the first integer that describes an argument
 
 # The instruction of LLVM that calls the kernel.
 _RUN_KERNEL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
 
 
 def call_ir() -> str:
-    """Return the LLVM module of the built-in function that calls any kernel with arrays.
+    """Return the LLVM module, as text, of the built-in function that calls any kernel with arrays.
 
     The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
     ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch
@@ -120,7 +139,7 @@ declare void @PyEval_RestoreThread(ptr)
 
 define ptr @call(ptr %self, ptr %arguments, i64 %given) {{
 entry:
-  %numbers.field = getelementptr i8, ptr %self, i64 {_DATA_OFFSET}
+  %numbers.field = getelementptr i8, ptr %self, i64 {_DATA_ADDRESS_OFFSET_BYTES}
   %numbers = load ptr, ptr %numbers.field
   %kernel = load ptr, ptr %numbers
   %inputs.field = getelementptr i64, ptr %numbers, i64 1
@@ -133,7 +152,7 @@ entry:
   %fields = load i64, ptr %fields.field
   %long.field = getelementptr i64, ptr %numbers, i64 5
   %long_call = load i64, ptr %long.field
-  %layouts = getelementptr i64, ptr %numbers, i64 {_ARGUMENTS_START}
+  %layouts = getelementptr i64, ptr %numbers, i64 {_FIRST_ARGUMENT_INDEX}
   %expected = add i64 %count, 2
   %complete = icmp eq i64 %given, %expected
   br i1 %complete, label %constants, label %no
@@ -150,7 +169,7 @@ constants:
   %no_constants = icmp eq i64 %constant, 0
   br i1 %no_constants, label %read, label %first
 first:
-  %constants.field = getelementptr i8, ptr %constants.object, i64 {_DATA_OFFSET}
+  %constants.field = getelementptr i8, ptr %constants.object, i64 {_DATA_ADDRESS_OFFSET_BYTES}
   %constants.data = load i64, ptr %constants.field
   store i64 %constants.data, ptr %table
   %table1 = getelementptr i64, ptr %table, i64 1
@@ -182,9 +201,9 @@ freeze:
   %k = phi i64 [%inputs, %written], [%k.next, %freeze]
   %array.field = getelementptr ptr, ptr %arguments, i64 %k
   %array = load ptr, ptr %array.field
-  %flags.field = getelementptr i8, ptr %array, i64 {_FLAGS_OFFSET}
+  %flags.field = getelementptr i8, ptr %array, i64 {_FLAGS_OFFSET_BYTES}
   %flags = load i32, ptr %flags.field
-  %flags.after = and i32 %flags, {~_WRITEABLE_FLAG}
+  %flags.after = and i32 %flags, {~_WRITEABLE_FLAG_MASK}
   store i32 %flags.after, ptr %flags.field
   %k.next = add i64 %k, 1
   %k.more = icmp slt i64 %k.next, %count
@@ -207,7 +226,7 @@ no:
 
 
 def _read_arguments_ir() -> str:
-    """Return the LLVM function `read_arguments`, which fills in a kernel's table from the attributes of arrays.
+    """Return the LLVM code of `read_arguments`, which fills in a kernel's table from the attributes of arrays.
 
     The function reads the arguments in order, inputs first. It returns the number of samples (1 for a single state);
     -1 where an argument is not supported; and -1 - n where the inputs are a batch of n samples but the outputs have
@@ -228,7 +247,7 @@ argument:
 look:
   %object.field = getelementptr ptr, ptr %arguments, i64 %a
   %object = load ptr, ptr %object.field
-  %layout.place = mul i64 %a, {_ARGUMENT_FIELDS}
+  %layout.place = mul i64 %a, {_INTEGERS_PER_ARGUMENT}
   %layout = getelementptr i64, ptr %layouts, i64 %layout.place
   %row = load i64, ptr %layout
   %rank.field = getelementptr i64, ptr %layout, i64 1
@@ -238,7 +257,7 @@ look:
   %scalar = icmp eq i64 %rank, 0
   %output = icmp sge i64 %a, %inputs
   %input = xor i1 %output, true
-  %type.field = getelementptr i8, ptr %object, i64 {_TYPE_OFFSET}
+  %type.field = getelementptr i8, ptr %object, i64 {_TYPE_OFFSET_BYTES}
   %type = load i64, ptr %type.field
   %is_array = icmp eq i64 %type, {id(np.ndarray)}
   br i1 %is_array, label %head, label %number
@@ -248,22 +267,22 @@ number:
   %float = or i1 %python_float, %numpy_float
   %float_fits = and i1 %scalar, %input
   %number_fits = and i1 %float, %float_fits
-  %value.field = getelementptr i8, ptr %object, i64 {_VALUE_OFFSET}
+  %value.field = getelementptr i8, ptr %object, i64 {_FLOAT_VALUE_OFFSET_BYTES}
   %value = ptrtoint ptr %value.field to i64
   br i1 %number_fits, label %placed, label %no
 head:
-  %axes.field = getelementptr i8, ptr %object, i64 {_AXES_OFFSET}
+  %axes.field = getelementptr i8, ptr %object, i64 {_RANK_OFFSET_BYTES}
   %axes.short = load i32, ptr %axes.field
   %axes = sext i32 %axes.short to i64
-  %dtype.field = getelementptr i8, ptr %object, i64 {_DTYPE_OFFSET}
+  %dtype.field = getelementptr i8, ptr %object, i64 {_DTYPE_OFFSET_BYTES}
   %dtype = load i64, ptr %dtype.field
-  %flags.field = getelementptr i8, ptr %object, i64 {_FLAGS_OFFSET}
+  %flags.field = getelementptr i8, ptr %object, i64 {_FLAGS_OFFSET_BYTES}
   %flags = load i32, ptr %flags.field
-  %shape.field = getelementptr i8, ptr %object, i64 {_SHAPE_OFFSET}
+  %shape.field = getelementptr i8, ptr %object, i64 {_SHAPE_ADDRESS_OFFSET_BYTES}
   %shape = load ptr, ptr %shape.field
-  %strides.field = getelementptr i8, ptr %object, i64 {_STRIDES_OFFSET}
+  %strides.field = getelementptr i8, ptr %object, i64 {_STRIDES_ADDRESS_OFFSET_BYTES}
   %strides = load ptr, ptr %strides.field
-  %data.field = getelementptr i8, ptr %object, i64 {_DATA_OFFSET}
+  %data.field = getelementptr i8, ptr %object, i64 {_DATA_ADDRESS_OFFSET_BYTES}
   %data = load i64, ptr %data.field
   %lead = sub i64 %axes, %rank
   %lead_fits = icmp ult i64 %lead, 2
@@ -280,7 +299,7 @@ smaller:
   %answer = select i1 %too_small, i64 %wanted_length, i64 -1
   ret i64 %answer
 writable:
-  %flag = and i32 %flags, {_WRITEABLE_FLAG}
+  %flag = and i32 %flags, {_WRITEABLE_FLAG_MASK}
   %has_flag = icmp ne i32 %flag, 0
   %writes = or i1 %has_flag, %input
   br i1 %writes, label %tail, label %no
@@ -360,7 +379,7 @@ placed:
   %taken = icmp sge i64 %row, 0
   br i1 %taken, label %write, label %next
 write:
-  %row.place = mul i64 %row, {TABLE_FIELDS}
+  %row.place = mul i64 %row, {INTEGERS_PER_TABLE_ROW}
   %row.at = getelementptr i64, ptr %table, i64 %row.place
   store i64 %at, ptr %row.at
   %row.outer = getelementptr i64, ptr %row.at, i64 1

@@ -13,17 +13,19 @@ from typing import NamedTuple
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
-BACKENDS = ("auto", "numpy", "compiled")
+ACCEPTED_BACKENDS = ("auto", "numpy", "compiled")
 """Accepted values of the argument `backend`."""
 
 # Seconds of compiling, measured on one machine; on another machine all times here differ by about one common factor.
-_FIRST_KERNEL_SECONDS = 0.07  # once in a process: importing llvmlite, and compiling the code that all kernels share
-_KERNEL_SECONDS = 0.025  # for each kernel
-_KERNEL_OPERATION_SECONDS = 5e-5  # for each operation of a kernel
+_SHARED_CODE_COMPILE_SECONDS = (
+    0.07  # once in a process: importing llvmlite, and compiling the code that all kernels share
+)
+_COMPILE_SECONDS_PER_KERNEL = 0.025  # for each kernel
+_COMPILE_SECONDS_PER_OPERATION = 5e-5  # for each operation of a kernel
 # Seconds that an operation takes without a kernel beyond the time that it takes with one.
-_NUMPY_CALL_SECONDS = 4.5e-7  # for each call by NumPy
-_NUMPY_SAMPLE_SECONDS = 7.5e-10  # for each sample of a call by NumPy
-_PYTHON_STATE_SECONDS = 1.5e-8  # for one state in Python
+_NUMPY_EXTRA_SECONDS_PER_CALL = 4.5e-7  # for each call by NumPy
+_NUMPY_EXTRA_SECONDS_PER_SAMPLE = 7.5e-10  # for each sample of a call by NumPy
+_PYTHON_EXTRA_SECONDS_PER_STATE = 1.5e-8  # for one state in Python
 
 _compiles_at_first_call: ContextVar[bool] = ContextVar("_compiles_at_first_call", default=False)
 _kernels_disabled = False
@@ -34,7 +36,7 @@ class Execution(NamedTuple):
     """Execution policy of a call: its backend and its number of threads.
 
     Attributes:
-        backend: one of BACKENDS.
+        backend: one of ACCEPTED_BACKENDS.
         workers: number of threads, at least 1.
     """
 
@@ -43,10 +45,10 @@ class Execution(NamedTuple):
 
 
 def execution_of(backend: str, workers: int) -> Execution:
-    """Check the arguments `backend` and `workers`, and return them as an execution policy.
+    """Check the arguments `backend` and `workers`, and return them as an `Execution`.
 
     Args:
-        backend: one of BACKENDS.
+        backend: one of ACCEPTED_BACKENDS.
         workers: number of threads; -1 for all cores.
 
     Raises:
@@ -56,7 +58,7 @@ def execution_of(backend: str, workers: int) -> Execution:
     Execution(backend='numpy', workers=2)
     """
     if type(backend) is not str:
-        check_choice("backend", backend, BACKENDS)
+        check_choice("backend", backend, ACCEPTED_BACKENDS)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
     return _cached_execution(backend, workers)
@@ -65,7 +67,7 @@ def execution_of(backend: str, workers: int) -> Execution:
 @functools.lru_cache(maxsize=64)
 def _cached_execution(backend: str, workers: int) -> Execution:
     """Return the execution policy for a number of workers that is -1 or positive; check the backend's name."""
-    check_choice("backend", backend, BACKENDS)
+    check_choice("backend", backend, ACCEPTED_BACKENDS)
     return Execution(backend, workers if workers > 0 else _core_count())
 
 
@@ -100,8 +102,8 @@ class BreakEvenCounter:
     @property
     def seconds_to_compile(self) -> float:
         """Estimated time [s] of compiling the kernel."""
-        first = 0.0 if _shared_code_compiled else _FIRST_KERNEL_SECONDS
-        return _KERNEL_SECONDS + _KERNEL_OPERATION_SECONDS * self.operations + first
+        first = 0.0 if _shared_code_compiled else _SHARED_CODE_COMPILE_SECONDS
+        return _COMPILE_SECONDS_PER_KERNEL + _COMPILE_SECONDS_PER_OPERATION * self.operations + first
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
         """Count a call by NumPy, and return whether compiling a kernel pays from now on.
@@ -110,13 +112,13 @@ class BreakEvenCounter:
             samples: number of samples of the call.
             chain_length: number of samples of each chain of a scan, which NumPy computes one after the other.
         """
-        seconds = chain_length * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS
+        seconds = chain_length * _NUMPY_EXTRA_SECONDS_PER_CALL + samples * _NUMPY_EXTRA_SECONDS_PER_SAMPLE
         self.seconds_without_kernel += self.operations_and_stores * seconds
         return self._kernel_pays()
 
     def count_state_call(self) -> bool:
         """Count a call of one state in Python, and return whether compiling a kernel pays from now on."""
-        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_STATE_SECONDS
+        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_EXTRA_SECONDS_PER_STATE
         return self._kernel_pays()
 
     def _kernel_pays(self) -> bool:
@@ -127,9 +129,9 @@ class BreakEvenCounter:
 
 @contextlib.contextmanager
 def compile_at_first_call() -> Iterator[None]:
-    """Make the backend "auto" compile at the first call, so that results do not depend on earlier calls.
+    """Make the backend "auto" compile at the first call within a `with` block, whatever was called before.
 
-    This holds in the calling thread, until the block is left.
+    So results do not depend on earlier calls. This holds in the calling thread, until the block is left.
     """
     token = _compiles_at_first_call.set(True)
     try:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.array_reader import data_address
 from hingepair.engine.llvm_builder import LANES
-from hingepair.engine.llvm_ir import TABLE_FIELDS
+from hingepair.engine.llvm_ir import INTEGERS_PER_TABLE_ROW
 
 ArrayShape: TypeAlias = tuple[int, ...]
 NamedShapes: TypeAlias = tuple[tuple[str, ArrayShape], ...]
@@ -61,87 +61,92 @@ class BoundConstant(NamedTuple):
     constants: tuple[float, ...]
 
 
-def bind_constant(name: str, tail: ArrayShape, value: Any) -> Any:
+def bind_constant(name: str, sample_shape: ArrayShape, value: Any) -> Any:
     """Return an input of one sample as a `BoundConstant`; return an input of more samples unchanged."""
-    bound = bind(((name, tail),), {name: value})
+    bound = bind(((name, sample_shape),), {name: value})
     return value if bound.arrays else BoundConstant(value, bound.pattern, tuple(bound.constants))
 
 
 def bind(
-    spec: NamedShapes, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), varying: bool = False
+    input_shapes: NamedShapes,
+    values: Mapping[str, Any],
+    carried_names: frozenset[str] = frozenset(),
+    keep_single_samples: bool = False,
 ) -> BoundInputs:
-    """Sort the inputs of a loop into known numbers, constants and arrays that vary from sample to sample.
+    """Return the inputs of a loop sorted into known numbers, constants and arrays that vary by sample.
 
     Args:
-        spec: names of the inputs, and the shape of one sample of each.
+        input_shapes: names of the inputs, and the shape of one sample of each.
         values: inputs by name: numbers, arrays, or tuples of numbers and arrays.
-        carried: names of the inputs that a scan carries. They are always arrays, of shape (*chains, *one sample).
-        varying: whether an array counts as varying though it holds one sample only.
+        carried_names: names of the inputs that a scan carries, which are arrays of shape (*chains, *one sample).
+        keep_single_samples: whether arrays of one sample count as varying, too; else they are constants.
     """
     pattern: list[ComponentSource] = []
     constants: list[float] = []
     arrays: list[NDArray[Any]] = []
-    seen: dict[int, int] = {}
+    array_index_by_id: dict[int, int] = {}
 
     def bind_number(x: float) -> None:
-        """Add a number to the pattern if it folds, else to the constants."""
+        """Append the source of a component that is a number: the number itself if it folds, else a new constant."""
         known = _FOLDED_NUMBERS.get(x)
         pattern.append(known)
         if known is None:
             constants.append(x)
 
-    for name, tail in spec:
-        value, count = values[name], math.prod(tail)
+    for name, sample_shape in input_shapes:
+        value, count = values[name], math.prod(sample_shape)
         if isinstance(value, BoundConstant):
-            if not varying:
+            if not keep_single_samples:
                 pattern += value.pattern
                 constants += value.constants
                 continue
             value = value.value
-        if name in carried:
+        if name in carried_names:
             pattern.extend((len(arrays), c) for c in range(count))
-            arrays.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))
+            arrays.append(value.reshape(*value.shape[: value.ndim - len(sample_shape)], 1, count))
             continue
         if isinstance(value, np.ndarray):
-            if value.size == count and not varying:
+            if value.size == count and not keep_single_samples:
                 pattern.extend((None,) * count)
                 constants.extend(map(float, value.ravel().tolist()))
                 continue
-            for part in component_views(value, tail):
+            for part in component_views(value, sample_shape):
                 pattern.extend((len(arrays), c) for c in range(part.shape[-1]))
                 arrays.append(part)
             continue
         for component in value if isinstance(value, tuple) else (value,):
             if not isinstance(component, np.ndarray):
                 bind_number(float(component))
-            elif component.size == 1 and not varying:
+            elif component.size == 1 and not keep_single_samples:
                 pattern.append(None)
                 constants.append(float(component.item()))
             else:
-                if id(component) not in seen:
-                    seen[id(component)] = len(arrays)
+                if id(component) not in array_index_by_id:
+                    array_index_by_id[id(component)] = len(arrays)
                     arrays.append(component[..., None])
-                pattern.append((seen[id(component)], 0))
+                pattern.append((array_index_by_id[id(component)], 0))
     return BoundInputs(tuple(pattern), constants, arrays)
 
 
-def bind_foreign(spec: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
-    """Sort the inputs of a loop as `bind` does, for numbers and arrays of another library.
+def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
+    """Return pattern, constants and arrays of inputs that are numbers and arrays of another library.
+
+    They are sorted as by `bind`.
 
     Returns:
-        The pattern, the constants, and the arrays, each of one component.
+        The pattern, the constants, and the arrays, each of which is one component.
     """
     pattern: list[ComponentSource] = []
     constants: list[float] = []
     arrays: list[Any] = []
-    seen: dict[int, int] = {}
-    for name, tail in spec:
-        for component in values[name] if tail else (values[name],):
+    array_index_by_id: dict[int, int] = {}
+    for name, sample_shape in input_shapes:
+        for component in values[name] if sample_shape else (values[name],):
             if not isinstance(component, float | int):
-                if id(component) not in seen:
-                    seen[id(component)] = len(arrays)
+                if id(component) not in array_index_by_id:
+                    array_index_by_id[id(component)] = len(arrays)
                     arrays.append(component)
-                pattern.append((seen[id(component)], 0))
+                pattern.append((array_index_by_id[id(component)], 0))
                 continue
             known = _FOLDED_NUMBERS.get(component)
             pattern.append(known)
@@ -150,19 +155,19 @@ def bind_foreign(spec: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPat
     return tuple(pattern), constants, arrays
 
 
-def component_views(array: NDArray[Any], tail: ArrayShape) -> Iterator[NDArray[Any]]:
-    """Yield views of an array with one axis of components: a single view where possible, else one for each row."""
-    if not tail:
+def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[NDArray[Any]]:
+    """Yield views of an array whose last axis holds all components: one view, or several where one cannot be."""
+    if not sample_shape:
         yield array[..., None]
-    elif len(tail) == 1:
+    elif len(sample_shape) == 1:
         yield array
     else:
-        axis = array.ndim - len(tail)
+        axis = array.ndim - len(sample_shape)
         try:
-            yield np.reshape(array, (*array.shape[:axis], math.prod(tail)), copy=False)
+            yield np.reshape(array, (*array.shape[:axis], math.prod(sample_shape)), copy=False)
         except ValueError:
-            for i in range(tail[0]):
-                yield from component_views(array[(slice(None),) * axis + (i,)], tail[1:])
+            for i in range(sample_shape[0]):
+                yield from component_views(array[(slice(None),) * axis + (i,)], sample_shape[1:])
 
 
 class ArrayLayout(NamedTuple):
@@ -190,18 +195,20 @@ def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides,
 
 
 @functools.lru_cache(maxsize=512)
-def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chained: bool) -> ArrayLayout:
-    """Return the layout of arrays that broadcast to the samples.
+def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
+    """Return the layout by which a kernel steps through arrays that broadcast to the samples; cached.
 
     The inner axis is the longest axis, or the last axis of chains; the outer axis is the longest of the others.
 
     Args:
-        forms: shapes and strides [bytes] of the arrays.
+        array_forms: shapes and strides [bytes] of the arrays.
         shape: shape of the samples.
-        chained: whether the last axis is the chain of a scan.
+        is_scan: whether the program is a scan, whose last axis is the chain.
     """
-    strides = np.array([_sample_strides(form, shape) for form in forms]).reshape(len(forms), len(shape))
-    if chained:
+    strides = np.array([_sample_strides(array_form, shape) for array_form in array_forms]).reshape(
+        len(array_forms), len(shape)
+    )
+    if is_scan:
         lengths, columns = _merge_axes(shape[:-1], strides[:, :-1])
         order = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
         outer, others = order[0], order[1:]
@@ -210,21 +217,26 @@ def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chaine
         lengths, columns = _merge_axes(shape, strides)
         inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
         outers, inners, sizes = columns[:, outer], columns[:, inner], (lengths[outer], lengths[inner])
-    array_strides = tuple((int(a), int(b), form[1][-1]) for a, b, form in zip(outers, inners, forms, strict=True))
+    array_strides = tuple(
+        (int(a), int(b), array_form[1][-1]) for a, b, array_form in zip(outers, inners, array_forms, strict=True)
+    )
     starts = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
     offsets = starts.reshape(len(starts), len(others)) @ columns[:, others].T
     return ArrayLayout(*sizes, array_strides, tuple(tuple(map(int, row)) for row in offsets))
 
 
-def _sample_strides(form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the strides in bytes along the axes of the samples; 0 along an axis on which the array is broadcast."""
-    lengths, strides = form
+def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return an array's strides [bytes] along the axes of the samples; 0 where the array is broadcast."""
+    lengths, strides = array_form
     own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
     return (0,) * (len(shape) - len(own_axes)) + own_axes
 
 
 def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Merge neighbouring axes that all arrays can step through as one; return lengths and strides, of two or more."""
+    """Merge neighbouring axes that all arrays step through as one; return the new lengths and strides.
+
+    There are at least two axes after that.
+    """
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
     for length, column in zip(shape, strides.T, strict=True):
         if length == 1:
@@ -238,54 +250,54 @@ def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[lis
 
 
 def run_kernel(
-    run: Any,
+    kernel_function: Any,
     layout: ArrayLayout,
     inputs: Sequence[NDArray[Any]],
     outputs: Sequence[NDArray[Any]],
     constants: NDArray[Any] | None,
     workers: int,
-    chained: bool = False,
+    is_scan: bool = False,
 ) -> None:
-    """Run a kernel over all samples; threads share the inner axis, or the outer axis of chains.
+    """Run a kernel, which writes the outputs of all samples; threads share the inner axis, or chains of a scan.
 
     Args:
-        run: the kernel's function of (table of addresses and strides, outer length, inner length).
+        kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).
         layout: the layout of the arrays.
         inputs: the input arrays.
         outputs: the output arrays.
         constants: the constants in one array, or None.
         workers: number of threads at most.
-        chained: whether the inner axis is the chain of a scan.
+        is_scan: whether the program is a scan, whose inner axis is the chain.
     """
     itemsize = outputs[0].itemsize
     table: list[int] = []
     if constants is not None:
         table += (data_address(constants), 0, 0, itemsize)
-    first = len(table) // TABLE_FIELDS
+    first = len(table) // INTEGERS_PER_TABLE_ROW
     for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
         table += (data_address(array), *strides)
     table_type = ctypes.c_int64 * len(table)
     outer_length, inner_length = layout.outer_length, layout.inner_length
-    shared, column = (outer_length, 1) if chained else (inner_length, 2)
+    shared, column = (outer_length, 1) if is_scan else (inner_length, 2)
     workers = max(1, min(workers, outer_length * inner_length // MIN_SAMPLES_PER_WORKER, shared // LANES))
     chunk = -(-shared // (workers * LANES)) * LANES
 
     def run_chunk(start: int) -> None:
         """Run the kernel over the chunk of the shared axis that begins at a sample."""
         chunk_table, count = list(table), min(chunk, shared - start)
-        for k in range(first, len(table) // TABLE_FIELDS):
-            chunk_table[k * TABLE_FIELDS] += start * chunk_table[k * TABLE_FIELDS + column]
+        for k in range(first, len(table) // INTEGERS_PER_TABLE_ROW):
+            chunk_table[k * INTEGERS_PER_TABLE_ROW] += start * chunk_table[k * INTEGERS_PER_TABLE_ROW + column]
         for offsets in layout.offsets:
             call_table = list(chunk_table)
             for k, offset in enumerate(offsets, first):
-                call_table[k * TABLE_FIELDS] += offset
-            run(table_type(*call_table), *((count, inner_length) if chained else (outer_length, count)))
+                call_table[k * INTEGERS_PER_TABLE_ROW] += offset
+            kernel_function(table_type(*call_table), *((count, inner_length) if is_scan else (outer_length, count)))
 
     run_in_threads(run_chunk, range(0, shared, chunk))
 
 
 def run_in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
-    """Call a function with each of some arguments, each in a thread of its own; run a single call in this thread."""
+    """Call `work` with each of `parts`, each in a thread of its own, and wait; run a single one in this thread."""
     if len(parts) == 1:
         work(parts[0])
         return

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_reader import MAX_RANK, call_descriptor, knows_array_layout
+from hingepair.engine.array_reader import MAX_SAMPLE_RANK, call_descriptor, knows_array_layout
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, bind, bind_constant
 from hingepair.engine.loops import Loop, Program
@@ -37,7 +37,7 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 
 _FLOAT64: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
 
-_LONG_CALL_OPERATIONS: Final = 100_000
+_MIN_LOCK_RELEASE_OPERATIONS: Final = 100_000
 """Number of operations, about 20 us of work, from which a call releases the interpreter's lock."""
 
 
@@ -51,7 +51,7 @@ class Call:
         constants: the loop's other inputs by name: numbers, or tuples of numbers; arrays where they have samples.
         result: class of the result; None to return the only output itself, as a writable array.
         shape: leading shape of the constants; () where they are the same at all samples.
-        backend: one of `backend.BACKENDS`.
+        backend: one of `backend.ACCEPTED_BACKENDS`.
         limits: limits of outputs that are checked instead of returned, by the size of a number in bytes (8 for
             float64, 4 for float32). The call is refused if such an output exceeds its limit at any sample; NaN does
             not exceed it.
@@ -84,9 +84,13 @@ class Call:
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
         self._limits, self._on_limit = dict(limits or {}), on_limit
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
-        samples = {name: np.empty((2, *tail)) for name, tail in loop.inputs if name in argument_shapes}
-        fixed = [(name, tail) for name, tail in loop.inputs if name in self._constant_inputs]
-        self._bound_constants = {name: bind_constant(name, tail, self._constant_inputs[name]) for name, tail in fixed}
+        samples = {
+            name: np.empty((2, *sample_shape)) for name, sample_shape in loop.inputs if name in argument_shapes
+        }
+        fixed = [(name, sample_shape) for name, sample_shape in loop.inputs if name in self._constant_inputs]
+        self._bound_constants = {
+            name: bind_constant(name, sample_shape, self._constant_inputs[name]) for name, sample_shape in fixed
+        }
         bound = bind(loop.inputs, {**self._bound_constants, **samples})
         self._constant_numbers = bound.constants
         self._constant_array = np.array(bound.constants, np.float64)
@@ -96,9 +100,11 @@ class Call:
         self._argument_positions = tuple(names.index(name) for name, _ in loop.inputs if name in argument_shapes)
         self._kernel_function: Callable[..., bool | int] | None = None
         self._cached_limits_call: Call | None = None
-        tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
+        sample_shapes = [*self.argument_shapes.values(), *(sample_shape for _, sample_shape in loop.outputs)]
         self._fast_path_supported = (
-            shape == () and knows_array_layout() and all(len(tail) <= MAX_RANK for tail in tails)
+            shape == ()
+            and knows_array_layout()
+            and all(len(sample_shape) <= MAX_SAMPLE_RANK for sample_shape in sample_shapes)
         )
         self.fast_path: Callable[..., Any] = _no_fast_path
         if backend == "compiled":
@@ -133,67 +139,75 @@ class Call:
         names = [name for name, _ in self.loop.inputs if name in self.argument_shapes]
         positions = {name: position for position, name in enumerate(names)}
         layout = call_descriptor(
-            [(tail, positions.get(name, -1)) for name, tail in self.argument_shapes.items()],
-            [tail for _, tail in self.loop.outputs],
-            constants=bool(self._constant_numbers),
+            [(sample_shape, positions.get(name, -1)) for name, sample_shape in self.argument_shapes.items()],
+            [sample_shape for _, sample_shape in self.loop.outputs],
+            has_constants=bool(self._constant_numbers),
             kernel=kernel.address,
-            long_call=-(-_LONG_CALL_OPERATIONS // max(self.program.weighted_operations, 1)),
+            min_unlocked_samples=-(-_MIN_LOCK_RELEASE_OPERATIONS // max(self.program.weighted_operations, 1)),
         )
         self._kernel_function = array_call(kernel, layout)
         self.fast_path = self._make_kernel_path(self._kernel_function)
 
-    def _make_kernel_path(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Return a generated function that calls machine code: for one state, which passes batches on to another."""
+    def _make_kernel_path(self, kernel_function: Callable[..., bool | int]) -> Callable[..., Any]:
+        """Return a generated function that calls machine code for one state, and for a batch calls a second one."""
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = []
         for length in ("samples, ", ""):
             source += [f"def {'many' if length else 'one'}({length}{arguments}):"]
-            for out, (_, tail) in zip(outs, self.loop.outputs, strict=True):
-                source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in tail)}))"]
+            for out, (_, sample_shape) in zip(outs, self.loop.outputs, strict=True):
+                source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in sample_shape)}))"]
             read_only = self.result is not None
-            call = f"run({arguments}, {', '.join(outs)}, constants, {read_only})"
+            call = f"kernel_function({arguments}, {', '.join(outs)}, constants, {read_only})"
             source += [f"    ran = {call}", "    if ran is not True:"]
             if length:
                 source += ["        return None"]
             else:
                 source += [f"        return many(ran, {arguments}) if ran > 0 else None"]
-                scalars = (out for out, (_, tail) in zip(outs, self.loop.outputs, strict=True) if tail == ())
+                scalars = (
+                    out for out, (_, sample_shape) in zip(outs, self.loop.outputs, strict=True) if sample_shape == ()
+                )
                 source += [f"    {out} = {out}[()]" for out in scalars]
             source += self._result_lines(arguments, length)
-        return self._execute_source(source, "one", run=run)
+        return self._execute_source(source, "one", kernel_function=kernel_function)
 
     def _make_python_path(self) -> Callable[..., Any]:
         """Return a generated Python function for one state, which serves until compiling a kernel pays."""
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
         numbers: dict[int, str] = {}
-        for k, tail in enumerate(self.argument_shapes.values()):
-            unfit = f"type(in{k}) is not ndarray or in{k}.dtype is not float64 or in{k}.shape != {tail}"
+        for k, sample_shape in enumerate(self.argument_shapes.values()):
+            unfit = f"type(in{k}) is not ndarray or in{k}.dtype is not float64 or in{k}.shape != {sample_shape}"
             source += [f"    if {unfit}:"]
-            source += [f"        if type(in{k}) is not float:", "            return None"] if tail == () else []
-            source += [f"        in{k} = array(in{k})" if tail == () else "        return None"]
-            numbers[k] = f"in{k}.item()" if tail == () else f"*in{k}{'.ravel()' if len(tail) > 1 else ''}.tolist()"
+            source += (
+                [f"        if type(in{k}) is not float:", "            return None"] if sample_shape == () else []
+            )
+            source += [f"        in{k} = array(in{k})" if sample_shape == () else "        return None"]
+            numbers[k] = (
+                f"in{k}.item()"
+                if sample_shape == ()
+                else f"*in{k}{'.ravel()' if len(sample_shape) > 1 else ''}.tolist()"
+            )
         if self._backend == "auto" and self._fast_path_supported:
             source += ["    if kernel_at_break_even(key, 0) is not None:", f"        return switch({arguments})"]
         components = ", ".join(numbers[place] for place in self._argument_positions)
         source += [f"    components = array(program.floats_function(*numbers, {components}))"]
         source += ["    components.setflags(write=False)"] if self.result is not None else []
         begin = 0
-        for k, (_, tail) in enumerate(self.loop.outputs):
-            end = begin + math.prod(tail)
-            part = f"[{begin}:{end}]" + (f".reshape({tail})" if len(tail) > 1 else "")
-            source += [f"    out{k} = components{part if tail else f'[{begin}]'}"]
+        for k, (_, sample_shape) in enumerate(self.loop.outputs):
+            end = begin + math.prod(sample_shape)
+            part = f"[{begin}:{end}]" + (f".reshape({sample_shape})" if len(sample_shape) > 1 else "")
+            source += [f"    out{k} = components{part if sample_shape else f'[{begin}]'}"]
             begin = end
         source += self._result_lines(arguments, "")
         return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
 
-    def _result_lines(self, arguments: str, length: str) -> list[str]:
+    def _result_lines(self, arguments: str, leading_shape: str) -> list[str]:
         """Return source lines that check the limits and make the result, unrolled because a loop is too slow.
 
         Args:
             arguments: the names of the arguments in the source.
-            length: the leading shape in the source, such as "samples, "; "" for one state.
+            leading_shape: the leading shape in the source, such as "samples, "; "" for one state.
         """
         named = [(f"out{k}", name) for k, (name, _) in enumerate(self.loop.outputs)]
         source = []
@@ -205,18 +219,18 @@ class Call:
         if self.result is None:
             return [*source, f"    return {visible[0][0]}"]
         values = "".join(f"{out}, " for out, _ in visible)
-        source += ["    result = new(Result)", f"    set_content(result, (names, ({values}), ({length})))"]
+        source += ["    result = new(Result)", f"    set_content(result, (names, ({values}), ({leading_shape})))"]
         slots = self.result.__slots__
         source += [f"    set_{name}(result, {out})" for out, name in visible if name in slots]
         return [*source, "    return result"]
 
-    def _execute_source(self, source: list[str], name: str, **more: Any) -> Callable[..., Any]:
-        """Return a function of a generated source.
+    def _execute_source(self, source_lines: list[str], function_name: str, **values: Any) -> Callable[..., Any]:
+        """Execute generated source lines, and return the function of this name that they define.
 
         Args:
-            source: the lines of the source.
-            name: the name of the function.
-            more: further values that the source uses, by name.
+            source_lines: the lines of the source.
+            function_name: the name of the function.
+            values: further values that the source uses, by name.
         """
         result = self.result or Results
         slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
@@ -226,10 +240,10 @@ class Call:
             "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
             "refuse": self._refuse_arguments,
             "kernel_at_break_even": self.program.kernel_at_break_even, "key": self._kernel_key,
-            "switch": self._switch_to_kernel, **slots, **more,
+            "switch": self._switch_to_kernel, **slots, **values,
         }  # fmt: skip
-        exec(_compile_source("\n".join(source)), scope)
-        function: Callable[..., Any] = scope[name]
+        exec(_compile_source("\n".join(source_lines)), scope)
+        function: Callable[..., Any] = scope[function_name]
         return function
 
     def _switch_to_kernel(self, *arguments: Any) -> Any:
@@ -295,8 +309,8 @@ class Call:
         result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
         if result is None and self._kernel_function is None and self._fast_path_supported and self._backend == "auto":
             samples = math.prod(broadcast_shape(shapes))
-            tails = [*self.argument_shapes.values()]
-            if all(np.size(arguments[k]) > math.prod(tails[k]) for k in self._argument_positions):
+            sample_shapes = [*self.argument_shapes.values()]
+            if all(np.size(arguments[k]) > math.prod(sample_shapes[k]) for k in self._argument_positions):
                 kernel = self.program.existing_kernel(self._kernel_key)  # the general path counts this call
             else:
                 kernel = self.program.kernel_at_break_even(self._kernel_key, samples) if samples else None
@@ -322,7 +336,9 @@ class Call:
             return None
         if self._limits and self._limits_call().fast_path(*arguments) is None:
             return None
-        arrays = [out[name] if name in out else np.empty((*lead, *tail)) for name, tail in self.loop.outputs]
+        arrays = [
+            out[name] if name in out else np.empty((*lead, *sample_shape)) for name, sample_shape in self.loop.outputs
+        ]
         if self._kernel_function(*arguments, *arrays, self._constant_array, False) is not True:
             return None
         return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
@@ -340,7 +356,7 @@ class Call:
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
-        """Return the results as arrays of another library, computed by that library; limits are not checked.
+        """Return the results as arrays of another library, which computes them; limits are not checked.
 
         Args:
             values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
@@ -360,23 +376,26 @@ class Call:
             raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
         shape = broadcast_shape({**shapes, self._constants_name: self._shape})
         inputs = {**self._constant_inputs, **values}
-        parts = {name: _foreign_components(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
+        parts = {
+            name: _foreign_components(name, inputs[name], sample_shape, library)
+            for name, sample_shape in self.loop.inputs
+        }
         components = self.loop.foreign_outputs(parts, library)
         if library.name == "jax" and self.result is not None:
             result: Any = self.result
             _register_for_jax(result)
         arrays = {}
-        for name, tail in self.loop.outputs:
+        for name, sample_shape in self.loop.outputs:
             if name in self.outputs:
-                arrays[name] = library.join_components(components[name], shape, tail)
+                arrays[name] = library.join_components(components[name], shape, sample_shape)
         return self._make_result(arrays, shape)
 
     # ---- limits
 
     def _limits_call(self) -> Call:
-        """Return the call that computes only the outputs with limits; it runs before `out` is written."""
+        """Return the call, made once, that computes only the outputs with limits; it runs before `out` is written."""
         if self._cached_limits_call is None:
-            limited = {name: tail for name, tail in self.loop.outputs if name in self._limits}
+            limited = {name: sample_shape for name, sample_shape in self.loop.outputs if name in self._limits}
             loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), limited, labels=self.loop.labels)
             self._cached_limits_call = Call(
                 loop, self.argument_shapes, self._constant_inputs, Results, shape=self._shape, backend=self._backend,
@@ -385,7 +404,7 @@ class Call:
         return self._cached_limits_call
 
     def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Refuse the arguments where an output exceeds its limit at any sample."""
+        """Call `on_limit`, which raises an error, if an output exceeds its limit at any sample."""
         for name, limits in self._limits.items():
             array = arrays[name]
             if (array > limits[array.dtype.itemsize]).any() and self._on_limit is not None:
@@ -397,17 +416,17 @@ class Call:
             self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
-def _foreign_components(name: str, value: Any, tail: ArrayShape, library: Library) -> Any:
-    """Return the components of an input as numbers and arrays of a library; a scalar input as its only component."""
+def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library: Library) -> Any:
+    """Return the components of an input as numbers and arrays of a library, in a tuple unless it is a scalar."""
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
     if is_foreign(value):
-        return foreign_components(name, value, *tail) if tail else value
+        return foreign_components(name, value, *sample_shape) if sample_shape else value
     if not isinstance(value, np.ndarray):
         return float(value)
-    flat = value.reshape(*value.shape[: value.ndim - len(tail)], -1)
+    flat = value.reshape(*value.shape[: value.ndim - len(sample_shape)], -1)
     parts = flat.tolist() if flat.ndim == 1 else [library.array(flat[..., k]) for k in range(flat.shape[-1])]
-    return tuple(parts) if tail else parts[0]
+    return tuple(parts) if sample_shape else parts[0]
 
 
 @functools.cache
@@ -420,7 +439,7 @@ def _register_for_jax(result_class: Any) -> None:
         return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
 
     def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        """Rebuild a result from its arrays, as JAX asks for after a transformation."""
+        """Return a result object rebuilt from its arrays, as JAX asks for after a transformation."""
         names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
         by_name = dict(zip(names, arrays, strict=True))
         shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are no arrays
@@ -450,16 +469,16 @@ def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
 
 
 def output_buffers(
-    tails: Iterable[tuple[str, ArrayShape]],
+    sample_shapes: Iterable[tuple[str, ArrayShape]],
     shape: ArrayShape,
     dtype: np.dtype[Any],
     out: Out,
     values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
-    """Return an array for each output by name: the array of `out` after checks, or a new one.
+    """Return the array to write each output into, by name: that of `out` after checks, or a new one.
 
     Args:
-        tails: shape of one sample of each output, by name.
+        sample_shapes: shape of one sample of each output, by name.
         shape: leading shape of the samples.
         dtype: dtype of the outputs.
         out: the user's arrays by output name.
@@ -468,7 +487,7 @@ def output_buffers(
     Raises:
         ArgumentError: an array of `out` cannot be used; the error names it.
     """
-    sizes = {name: (*shape, *tail) for name, tail in tails}
+    sizes = {name: (*shape, *sample_shape) for name, sample_shape in sample_shapes}
     for name, array in (out or {}).items():
         _check_buffer(name, array, sizes[name], dtype)
     if out:
@@ -489,12 +508,12 @@ def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[An
         raise ArgumentError(name, "a writable array", "a read-only array")
 
 
-def _check_no_overlap(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
-    """Raise an error if an output overlaps an input or another output: blocks would read what they wrote."""
+def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
+    """Raise an error if an array of `out` overlaps an input or another output: blocks would read what they wrote."""
     others = [
         (name, c, c.flags.owndata)
-        for name, group in groups.items()
-        for c in (group if isinstance(group, tuple) else (group,))
+        for name, value in inputs.items()
+        for c in (value if isinstance(value, tuple) else (value,))
         if isinstance(c, np.ndarray)
     ]
     for name, array in out.items():

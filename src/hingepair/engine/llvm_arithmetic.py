@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal
-from hingepair.engine.llvm_sines import DOUBLE_VECTOR, SINE_OPERATIONS
+from hingepair.engine.llvm_sines import DOUBLES_TYPE, SINE_OPERATION_NAMES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
 MAX_REGISTER_COMPONENTS: Final = 16
@@ -31,13 +31,19 @@ registers take longer to broadcast a number to a vector than to load a vector.
 _MAX_UNSPLIT_OPERATIONS: Final = 1000
 """Number of operations up to which a part is not split, so that fewer values pass through the frame."""
 
-_STEP_OPERATIONS: Final = 300
+_OPERATIONS_PER_STEP: Final = 300
 """Number of operations of each step of a longer part: few enough for LLVM to spill few registers."""
 
-_RELOAD_OPERATIONS: Final = 40
+_MAX_OPERATIONS_BEFORE_RELOAD: Final = 40
 """Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
 
-_OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # LLVM's instructions
+_LLVM_INSTRUCTION_BY_OPERATION: Final = {
+    "+": "fadd",
+    "-": "fsub",
+    "*": "fmul",
+    "/": "fdiv",
+    "negative": "fneg",
+}  # LLVM's instructions
 
 
 class ComponentGroup(NamedTuple):
@@ -86,7 +92,7 @@ class KernelStep(NamedTuple):
 
 
 class Arithmetic:
-    """The steps of a program, and the frame through which they pass values.
+    """The steps that compute a kernel's values as LLVM functions, and the frame through which they pass values.
 
     Args:
         inputs: groups of input components.
@@ -156,7 +162,7 @@ class Arithmetic:
     def _operands_of(self, value: TracedValue) -> list[TracedValue]:
         """Return the operands that the code of a value reads, with the factors of a fused product."""
         read = list(value.operands)
-        if value.operation in SINE_OPERATIONS:
+        if value.operation in SINE_OPERATION_NAMES:
             del read[1:]
         if value.operation == "where" and isinstance(read[0], TracedValue):
             read[:1] = read[0].operands
@@ -167,18 +173,18 @@ class Arithmetic:
             read += product.operands
         return [one for one in read if isinstance(one, TracedValue)]
 
-    def _split_steps(self, kind: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Split values into steps; each step of sines comes as early as its angles allow."""
+    def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
+        """Split values into steps, and return these; each step of sines comes as early as its angles allow."""
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
-        while any(value.operation in SINE_OPERATIONS for value in rest):
+        while any(value.operation in SINE_OPERATION_NAMES for value in rest):
             late: set[int] = set()
             angles: dict[int, TracedValue] = {}
             for value in rest:
                 operands = self._operands[id(value)]
                 if any(id(one) in late for one in operands):
                     late.add(id(value))
-                elif value.operation in SINE_OPERATIONS:
+                elif value.operation in SINE_OPERATION_NAMES:
                     late.add(id(value))
                     angles[id(operands[0])] = operands[0]
                     self._sine_lines[id(operands[0])].append(value)
@@ -191,13 +197,13 @@ class Arithmetic:
             first.update(id(line) for angle in angles for line in self._sine_lines[angle])
             rest = [value for value in rest if id(value) not in first]
         parts += _split_lines(rest)
-        if kind == "block":  # the first step loads inputs, the last step stores outputs
+        if name_prefix == "block":  # the first step loads inputs, the last step stores outputs
             parts = [([], []), *parts] if not parts or parts[0][1] else parts
             parts = [*parts, ([], [])] if parts[-1][1] else parts
-        return [KernelStep(f"{kind}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
+        return [KernelStep(f"{name_prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
     def _schedule_row_stores(self) -> dict[int, list[int]]:
-        """Return the indices of the narrow outputs to store behind each value, by its identity; key 0: at the end."""
+        """Return the indices of the narrow outputs to store after a value, by its identity; key 0: at the end."""
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
             sines = [line for angle in step.angles for line in self._sine_lines[id(angle)]]
@@ -211,7 +217,7 @@ class Arithmetic:
         return finished
 
     def _schedule_loads(self) -> None:
-        """Choose the step that loads each component of an input in registers.
+        """Choose for each component of an input in registers the step that loads it; append it to `step.loads`.
 
         This is the first step that reads the component, but no step behind one that stores: an output may overlap an
         input.
@@ -273,8 +279,8 @@ class Arithmetic:
             made |= {id(value): s for value in self._values_made_by(step)}
             for angle in step.angles:
                 lines = self._sine_lines[id(angle)]
-                self.slots |= {id(line): size + SINE_OPERATIONS.index(line.operation) for line in lines}
-                size += len(SINE_OPERATIONS)
+                self.slots |= {id(line): size + SINE_OPERATION_NAMES.index(line.operation) for line in lines}
+                size += len(SINE_OPERATION_NAMES)
         last: dict[int, int] = {}
         for s, step in enumerate(steps):
             last |= {id(value): s for value in self._values_read_by(step) if made.get(id(value), s) != s}
@@ -309,7 +315,7 @@ class Arithmetic:
         f.do(f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANES * self.number_bytes}")
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
-        """Return the byte offsets in the frame of a wide output's components, for the shared function `rows`."""
+        """Return the byte offsets in the frame of the components of a wide output, for the shared function `rows`."""
         offsets: list[int] = []
         for c in range(0, len(group.values), LANES):
             first = min(c, len(group.values) - LANES)
@@ -323,7 +329,7 @@ class Arithmetic:
     def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
         """Return the slots of the angles of a step of sines, and the first slot of the results."""
         line = self._sine_lines[id(step.angles[0])][0]
-        first = self.slots[id(line)] - SINE_OPERATIONS.index(line.operation)
+        first = self.slots[id(line)] - SINE_OPERATION_NAMES.index(line.operation)
         return [self.slots[id(angle)] for angle in step.angles], first
 
     # ---- the functions of the steps
@@ -362,21 +368,21 @@ class Arithmetic:
         f.do("ret void")
         return f.text()
 
-    def operand(self, one: Operand) -> str:
+    def operand(self, value: Operand) -> str:
         """Return the name of an operand's vector, loaded from the frame if necessary; or a constant in all lanes."""
-        if not isinstance(one, TracedValue):
-            rounded = one if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", one))[0]
+        if not isinstance(value, TracedValue):
+            rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
-        name, position = self._names.get(id(one), ("", 0))
-        if not name or self._position - position > _RELOAD_OPERATIONS:
-            if id(one) in self._scalar_positions:
-                place = self._f.pointer_at("%frame", self._scalar_positions[id(one)] * self.number_bytes)
-                number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", one.name)
+        name, position = self._names.get(id(value), ("", 0))
+        if not name or self._position - position > _MAX_OPERATIONS_BEFORE_RELOAD:
+            if id(value) in self._scalar_positions:
+                place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
+                number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", value.name)
                 name = self._f.splat(self.vector, f"{self.number} {number}")
-            elif id(one) in self.slots:
-                place = self.slot_address(self._f, self.slots[id(one)])
-                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", one.name)
-        self._names[id(one)] = name, self._position
+            elif id(value) in self.slots:
+                place = self.slot_address(self._f, self.slots[id(value)])
+                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", value.name)
+        self._names[id(value)] = name, self._position
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
@@ -390,14 +396,14 @@ class Arithmetic:
         if product is not None:
             return self._write_fma(product, value)
         parts = [self.operand(one) for one in value.operands]
-        if value.operation in _OPERATORS:
-            return put(f"{_OPERATORS[value.operation]} {kind} {', '.join(parts)}", note)
+        if value.operation in _LLVM_INSTRUCTION_BY_OPERATION:
+            return put(f"{_LLVM_INSTRUCTION_BY_OPERATION[value.operation]} {kind} {', '.join(parts)}", note)
         if value.operation == "sqrt":
             return self._call_intrinsic("sqrt", parts, note)
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Append the comparison a < b, once in a function, and return its name; the frame holds no comparisons."""
+        """Append the comparison a < b, if the function does not hold it yet, and return its name."""
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
             both = ", ".join(self.operand(one) for one in condition.operands)
@@ -418,31 +424,32 @@ class Arithmetic:
             rest = self._f.put(f"fneg {self.vector} {rest}")
         return self._call_intrinsic("fma", [x, y, rest], value.name)
 
-    def _call_intrinsic(self, name: str, parts: Sequence[str], note: str) -> str:
+    def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
         """Append the call of an intrinsic of LLVM, and return the name of its value."""
         kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
-        self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(parts))})")
-        return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {part}' for part in parts)})", note)
+        self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
+        return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
-    def _call_lanewise(self, name: str, parts: Sequence[str], note: str) -> str:
+    def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
         """Append the call of a function of the C library for each lane, and return the name of the vector."""
         self._lanewise.add(name)
         if self.number_bytes == 4:
-            parts = [self._f.put(f"fpext {self.vector} {part} to {DOUBLE_VECTOR}") for part in parts]
+            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES_TYPE}") for operand in operands]
         value = self._f.put(
-            f"call {DOUBLE_VECTOR} @lanes.{name}({', '.join(f'{DOUBLE_VECTOR} {part}' for part in parts)})", note
+            f"call {DOUBLES_TYPE} @lanes.{name}({', '.join(f'{DOUBLES_TYPE} {operand}' for operand in operands)})",
+            comment,
         )
-        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLE_VECTOR} {value} to {self.vector}")
+        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES_TYPE} {value} to {self.vector}")
 
     # ---- narrow inputs and outputs
 
-    def _load_components(self, g: int, components: Sequence[int]) -> None:
+    def _load_components(self, input_index: int, components: Sequence[int]) -> None:
         """Append the loads of an input's components of eight samples: one scalar load for each lane."""
-        f, word = self._f, 8 * self.word_offsets[g]
+        f, word = self._f, 8 * self.word_offsets[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
         samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANES))]
         for c in components:
-            value, offset, vector = self.inputs[g].values[c], f.multiply(step, c) if c else 0, "poison"
+            value, offset, vector = self.inputs[input_index].values[c], f.multiply(step, c) if c else 0, "poison"
             for k, sample in enumerate(samples):
                 one = f.put(f"load {self.number}, ptr {f.pointer_at(sample, offset)}, align 1")
                 note = value.name if k == LANES - 1 and isinstance(value, TracedValue) else ""
@@ -451,11 +458,11 @@ class Arithmetic:
             if id(value) in self.slots:
                 self.store_slot(f, self.slots[id(value)], vector)
 
-    def _store_sample_rows(self, g: int) -> None:
-        """Append the stores of an output's eight samples, one behind the other."""
+    def _store_sample_rows(self, output_index: int) -> None:
+        """Append the stores of eight samples of a narrow output, one behind the other in memory."""
         f = self._f
-        parts = [self.operand(value) for value in self.outputs[g].values]
-        to = f.load_word("%places", 8 * (self.word_offsets[-1] + g), "ptr")
+        parts = [self.operand(value) for value in self.outputs[output_index].values]
+        to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
         whole = len(parts) // LANES * LANES
         blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, whole, LANES)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
@@ -463,19 +470,25 @@ class Arithmetic:
             piece = self._pack_numbers(samples, parts[whole:], len(parts), first)
             f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
-    def _pack_numbers(self, samples: list[list[str]], left: list[str], count: int, first: int) -> str:
+    def _pack_numbers(
+        self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
+    ) -> str:
         """Append the shuffles that collect eight consecutive numbers of a block in memory order; return the vector.
 
         Args:
-            samples: for each sample, vectors that hold eight of its components each.
-            left: vectors of the remaining components, each over all samples.
-            count: number of components.
-            first: index of the first number in the block, whose rows follow each other.
+            sample_vectors: for each sample, vectors that hold eight of its components each.
+            remaining_vectors: vectors of the remaining components, each over all samples.
+            component_count: number of components.
+            first_number: index of the first number in the block, whose rows follow each other.
         """
         picked = []
-        for sample, c in (divmod(j, count) for j in range(first, first + LANES)):
+        for sample, c in (divmod(j, component_count) for j in range(first_number, first_number + LANES)):
             block, lane = divmod(c, LANES)
-            picked.append((samples[sample][block], lane) if c < count - len(left) else (left[lane], sample))
+            picked.append(
+                (sample_vectors[sample][block], lane)
+                if c < component_count - len(remaining_vectors)
+                else (remaining_vectors[lane], sample)
+            )
         vector, *others = dict.fromkeys(name for name, _ in picked)
         lanes = [lane if name == vector else -1 for name, lane in picked]
         for other in others or ["poison"]:
@@ -486,7 +499,10 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a long list of values into parts of about equal length; return each with an empty list of angles."""
-    count = -(-len(lines) // _STEP_OPERATIONS) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
+    """Split a long list of values into parts of about equal length; return each part with an empty list.
+
+    The empty lists stand for the angles of a step.
+    """
+    count = -(-len(lines) // _OPERATIONS_PER_STEP) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

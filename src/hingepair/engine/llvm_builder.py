@@ -27,7 +27,7 @@ def hexadecimal(number: float) -> str:
 
 
 class FunctionBuilder:
-    """A builder of one function in LLVM IR. Values and labels are numbered; names of users appear in comments only.
+    """Builder of one function in LLVM IR; values and labels are numbered, and names of users are comments only.
 
     Each method appends instructions to the function; most return the name of the value that they compute.
 
@@ -44,11 +44,11 @@ class FunctionBuilder:
         """Return the source of the finished function in LLVM IR."""
         return "\n".join([*self._lines, "}"])
 
-    def put(self, code: str, note: str = "") -> str:
+    def put(self, code: str, comment: str = "") -> str:
         """Append an instruction, with an optional comment, and return the name of its value."""
         self._count += 1
         name = f"%v{self._count}"
-        self._lines.append(f"  {name} = {code}  ; {' '.join(note.split())}" if note else f"  {name} = {code}")
+        self._lines.append(f"  {name} = {code}  ; {' '.join(comment.split())}" if comment else f"  {name} = {code}")
         return name
 
     def do(self, code: str) -> None:
@@ -136,29 +136,33 @@ class FunctionBuilder:
         place = self.pointer_at(table, 4 * int(k) if k.isdigit() else self.multiply(k, 4))
         return self.put(f"zext i32 {self.put(f'load i32, ptr {place}, align 4')} to i64")
 
-    def splat(self, kind: str, one: str) -> str:
+    def splat(self, vector_type: str, one: str) -> str:
         """Append the copy of a number, given with its type, to all lanes of a vector, and return its name."""
-        return self.shuffle(kind, self.put(f"insertelement {kind} poison, {one}, i32 0"), "poison", [0] * LANES)
+        return self.shuffle(
+            vector_type, self.put(f"insertelement {vector_type} poison, {one}, i32 0"), "poison", [0] * LANES
+        )
 
-    def shuffle(self, kind: str, x: str, y: str, picks: Sequence[int]) -> str:
+    def shuffle(self, vector_type: str, x: str, y: str, picked_elements: Sequence[int]) -> str:
         """Append a shuffle of two vectors, and return its name.
 
         Args:
-            kind: type of the vectors.
+            vector_type: type of the vectors.
             x: the first vector.
             y: the second vector.
-            picks: for each lane the number of an element of x and y; -1 where any element will do.
+            picked_elements: for each lane the number of an element of x and y; -1 where any element will do.
         """
-        mask = ", ".join(f"i32 {k}" if k >= 0 else "i32 poison" for k in picks)
-        return self.put(f"shufflevector {kind} {x}, {kind} {y}, <{len(picks)} x i32> <{mask}>")
+        mask = ", ".join(f"i32 {k}" if k >= 0 else "i32 poison" for k in picked_elements)
+        return self.put(
+            f"shufflevector {vector_type} {x}, {vector_type} {y}, <{len(picked_elements)} x i32> <{mask}>"
+        )
 
-    def transpose(self, kind: str, vectors: list[str]) -> list[str]:
+    def transpose(self, vector_type: str, vectors: list[str]) -> list[str]:
         """Append the transpose of eight vectors of eight numbers, and return the names of the eight results."""
         for step in (1, 2, 4):
             low = [m if not m & step else LANES + m - step for m in range(LANES)]
             high = [m + step if not m & step else LANES + m for m in range(LANES)]
             vectors = [
-                self.shuffle(kind, vectors[i & ~step], vectors[i | step], high if i & step else low)
+                self.shuffle(vector_type, vectors[i & ~step], vectors[i | step], high if i & step else low)
                 for i in range(LANES)
             ]
         return vectors

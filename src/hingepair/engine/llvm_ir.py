@@ -25,14 +25,14 @@ from typing import Final
 
 from hingepair.engine.llvm_arithmetic import Arithmetic, Carry, ComponentGroup, KernelStep
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, number_type, shared_name
-from hingepair.engine.llvm_memory import MAX_STREAMED_COMPONENTS, PANEL_COMPONENTS, PREFETCH_DISTANCE
+from hingepair.engine.llvm_memory import COMPONENTS_PER_PANEL, MAX_STREAMED_COMPONENTS, PREFETCH_DISTANCE_SAMPLES
 from hingepair.engine.llvm_shared import declarations
 from hingepair.engine.llvm_sines import lanewise_function
 
 # Declarations of the functions of LLVM that kernels call.
 _KERNEL_DECLARATIONS: Final = "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)"
 
-TABLE_FIELDS: Final = 4
+INTEGERS_PER_TABLE_ROW: Final = 4
 """Number of integers in a row of the kernel's table."""
 
 MIN_STREAMED_BYTES: Final = 2**21
@@ -94,7 +94,7 @@ class _KernelBuilder:
         """Append the instructions of the kernel."""
         f, arithmetic = self.f, self.arithmetic
         table = [
-            [f.load_word("%table", 8 * (g * TABLE_FIELDS + k)) for k in range(TABLE_FIELDS)]
+            [f.load_word("%table", 8 * (g * INTEGERS_PER_TABLE_ROW + k)) for k in range(INTEGERS_PER_TABLE_ROW)]
             for g in range(len(self.inputs) + len(self.outputs))
         ]
         f.do(f"%frame = alloca [{max(1, arithmetic.frame_size)} x {arithmetic.vector}], align {CACHE_LINE_BYTES}")
@@ -222,7 +222,7 @@ class _InputReader:
         by_rows = f.put(f"icmp sle i64 {far}, {wide}")
         both = itertools.zip_longest(rows, columns, fillvalue="0")
         lines = [f.put(f"select i1 {by_rows}, i64 {row}, i64 {column}") for row, column in both]
-        ahead = f.multiply(self.stride, PREFETCH_DISTANCE)
+        ahead = f.multiply(self.stride, PREFETCH_DISTANCE_SAMPLES)
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, o: str) -> None:
@@ -308,7 +308,7 @@ class _OutputWriter:
             joined = f.put(f"icmp eq i64 {self.inner}, {self.row_bytes}")
             side_by_side = f.put(f"icmp eq i64 {self.step}, {self.number_bytes}")
             self.dense = f.put(f"and i1 {joined}, {side_by_side}") if self.count > 1 else joined
-        staged = self.count if self.count <= MAX_STREAMED_COMPONENTS else 2 * PANEL_COMPONENTS
+        staged = self.count if self.count <= MAX_STREAMED_COMPONENTS else 2 * COMPONENTS_PER_PANEL
         if not self.group.narrow:
             self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
             if not kernel.scan and self.count <= MAX_STREAMED_COMPONENTS:
@@ -379,7 +379,7 @@ class _OutputWriter:
             self.kernel.call_shared("scatter", f"ptr {self.stage}, i64 {self.count}", target)
 
     def end_outer(self) -> None:
-        """Append streaming stores of the values of an outer sample that are still in the staging buffer."""
+        """Append streaming stores of the numbers of an outer sample that are still in the stage."""
         f = self.f
         if self.streamed != "false":
             with f.when(self.streamed):

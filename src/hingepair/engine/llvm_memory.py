@@ -16,10 +16,10 @@ from typing import Final
 
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, shared_name
 
-PREFETCH_DISTANCE: Final = 2 * LANES
+PREFETCH_DISTANCE_SAMPLES: Final = 2 * LANES
 """Number of samples by which inputs are prefetched ahead: enough to cover the latency of memory."""
 
-PANEL_COMPONENTS: Final = 64
+COMPONENTS_PER_PANEL: Final = 64
 """Number of components of a very wide output that are staged at a time."""
 
 MAX_STREAMED_COMPONENTS: Final = 512
@@ -27,16 +27,16 @@ MAX_STREAMED_COMPONENTS: Final = 512
 
 _CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
 # Parameters of a function that stores samples into an output of any strides.
-_TARGET_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
+_TARGET_ARRAY_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
-MEMORY_SIGNATURES: Final = {
+MEMORY_PARAMETERS_BY_FUNCTION: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
-    "scatter": f"ptr noalias %from, i64 %count, {_TARGET_PARAMETERS}",
+    "scatter": f"ptr noalias %from, i64 %count, {_TARGET_ARRAY_PARAMETERS}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
-    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET_PARAMETERS}",
+    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET_ARRAY_PARAMETERS}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
 """Parameter list (LLVM IR) of each memory function, by its name; the functions return nothing.
@@ -51,7 +51,7 @@ declare i64 @llvm.umin.i64(i64, i64)"""
 
 
 def memory_functions(float_type: str) -> list[str]:
-    """Return the LLVM functions for numbers of type "double" or "float"."""
+    """Return the LLVM code of the functions that load and store samples of type "double" or "float", in a list."""
     makers = (
         _lanes_function,
         _gather_function,
@@ -67,11 +67,11 @@ def memory_functions(float_type: str) -> list[str]:
 
 def _begin_function(name: str, float_type: str) -> FunctionBuilder:
     """Return the builder of a shared function for numbers of type "double" or "float"."""
-    return FunctionBuilder(f"void {shared_name(name, float_type)}({MEMORY_SIGNATURES[name]})")
+    return FunctionBuilder(f"void {shared_name(name, float_type)}({MEMORY_PARAMETERS_BY_FUNCTION[name]})")
 
 
 def _lanes_function(float_type: str, _: int) -> str:
-    """Return the LLVM function `lanes`, which stores the byte offsets of the samples in lanes 1 to 7 from lane 0.
+    """Return the LLVM function `lanes`, which stores the byte offsets of samples in lanes 1 to 7 from lane 0.
 
     Lanes behind the last sample repeat the first.
     """
@@ -88,13 +88,13 @@ def _lane_offsets(f: FunctionBuilder) -> list[str]:
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]
 
 
-def _gather_function(float_type: str, size: int) -> str:
+def _gather_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `gather`, which loads the components in `which` of eight samples into vectors."""
     f = _begin_function("gather", float_type)
-    vector = f"<{LANES} x {float_type}>"
+    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
 
     def keep(c: str, value: str) -> None:
-        f.do(f"store {vector} {value}, ptr {f.pointer_at('%to', f.multiply(c, LANES * size))}, align {LANES * size}")
+        f.do(f"store {vector} {value}, ptr {f.pointer_at('%to', f.multiply(c, vector_bytes))}, align {vector_bytes}")
 
     equal = f.put(f"or i1 {f.put('icmp eq i64 %rest, 1')}, {f.put('icmp eq i64 %stride, 0')}")
     with f.when_else(equal) as otherwise:
@@ -114,58 +114,62 @@ def _gather_function(float_type: str, size: int) -> str:
     return f.text()
 
 
-def _numbers_function(float_type: str, size: int) -> str:
+def _numbers_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `numbers`, which copies the components in `which` of a sample into an array."""
     f = _begin_function("numbers", float_type)
     with f.loop("%count") as c:
         source = f.pointer_at("%row", f.multiply(f.load_entry("%which", c), "%step"))
         one = f.put(f"load {float_type}, ptr {source}, align 1")
-        f.do(f"store {float_type} {one}, ptr {f.pointer_at('%to', f.multiply(c, size))}, align {size}")
+        f.do(
+            f"store {float_type} {one}, ptr {f.pointer_at('%to', f.multiply(c, number_bytes))}, align {number_bytes}"
+        )
     f.do("ret void")
     return f.text()
 
 
-def _columns_function(float_type: str, size: int) -> str:
+def _columns_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `columns`, which loads eight contiguous rows, of eight or more components, as vectors.
 
     Eight components are transposed at a time; the last eight overlap those before them where the count is no
     multiple of eight.
     """
     f = _begin_function("columns", float_type)
-    vector = f"<{LANES} x {float_type}>"
+    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
     last = f.put(f"sub i64 %count, {LANES}")
     with f.loop("%count", step=str(LANES)) as c:
         first = f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})")
         samples = [
-            f.pointer_at(f.pointer_at("%row", f.multiply(first, size)), f.multiply("%stride", k))
+            f.pointer_at(f.pointer_at("%row", f.multiply(first, number_bytes)), f.multiply("%stride", k))
             for k in range(LANES)
         ]
-        ahead = f.multiply("%stride", PREFETCH_DISTANCE)
+        ahead = f.multiply("%stride", PREFETCH_DISTANCE_SAMPLES)
         rows = []
         for sample in samples:
             f.do(f"call void @llvm.prefetch.p0(ptr {f.pointer_at(sample, ahead)}, i32 0, i32 2, i32 1)")
             rows.append(f.put(f"load {vector}, ptr {sample}, align 1"))
-        target = f.pointer_at("%to", f.multiply(first, LANES * size))
+        target = f.pointer_at("%to", f.multiply(first, vector_bytes))
         for k, column in enumerate(f.transpose(vector, rows)):
-            f.do(f"store {vector} {column}, ptr {f.pointer_at(target, LANES * size * k)}, align {LANES * size}")
+            f.do(f"store {vector} {column}, ptr {f.pointer_at(target, vector_bytes * k)}, align {vector_bytes}")
     f.do("ret void")
     return f.text()
 
 
-def _scatter_function(float_type: str, size: int) -> str:
+def _scatter_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `scatter`, which copies contiguous rows to an output of any strides."""
     f = _begin_function("scatter", float_type)
     with f.loop(f.put(f"call i64 @llvm.umin.i64(i64 %rest, i64 {LANES})")) as r:
         target = f.pointer_at("%to", f.multiply(r, "%stride"))
-        source = f.pointer_at("%from", f.multiply(f.multiply(r, "%count"), size))
+        source = f.pointer_at("%from", f.multiply(f.multiply(r, "%count"), number_bytes))
         with f.loop("%count") as c:
-            one = f.put(f"load {float_type}, ptr {f.pointer_at(source, f.multiply(c, size))}, align {size}")
+            one = f.put(
+                f"load {float_type}, ptr {f.pointer_at(source, f.multiply(c, number_bytes))}, align {number_bytes}"
+            )
             f.do(f"store {float_type} {one}, ptr {f.pointer_at(target, f.multiply(c, '%step'))}, align 1")
     f.do("ret void")
     return f.text()
 
 
-def _rows_function(float_type: str, size: int) -> str:
+def _rows_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `rows`, which stores eight rows, of eight or more components, `pitch` bytes apart.
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
@@ -173,38 +177,40 @@ def _rows_function(float_type: str, size: int) -> str:
     constants already. The last tile overlaps the one before it where the count is no multiple of eight.
     """
     f = _begin_function("rows", float_type)
-    vector = f"<{LANES} x {float_type}>"
+    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
     last = f.put(f"sub i64 %count, {LANES}")
     with f.loop("%count", step=str(LANES)) as c:
-        target = f.pointer_at("%to", f.multiply(f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})"), size))
+        target = f.pointer_at("%to", f.multiply(f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})"), number_bytes))
         targets = [f.pointer_at(target, f.multiply("%pitch", k)) for k in range(LANES)]
         tile = f.pointer_at("%tiles", f.multiply(c, 4))
         lead = f.put(f"load i32, ptr {tile}, align 4")
         with f.when_else(f.put(f"icmp slt i32 {lead}, 0")) as otherwise:
             with f.when(f.put("xor i1 %filled, true")):
                 offset = f.put(f"zext i32 {f.put(f'xor i32 {lead}, -1')} to i64")
-                constant = f.put(f"load {vector}, ptr {f.pointer_at('%frame', offset)}, align {LANES * size}")
+                constant = f.put(f"load {vector}, ptr {f.pointer_at('%frame', offset)}, align {vector_bytes}")
                 for place in targets:
                     f.do(f"store {vector} {constant}, ptr {place}, align 1")
             otherwise()
             places = [f.pointer_at("%frame", f.load_entry(tile, str(k))) for k in range(LANES)]
-            columns = [f.put(f"load {vector}, ptr {place}, align {LANES * size}") for place in places]
+            columns = [f.put(f"load {vector}, ptr {place}, align {vector_bytes}") for place in places]
             for place, row in zip(targets, f.transpose(vector, columns), strict=True):
                 f.do(f"store {vector} {row}, ptr {place}, align 1")
     f.do("ret void")
     return f.text()
 
 
-def _panels_function(float_type: str, size: int) -> str:
-    """Return the LLVM function `panels`, which scatters very wide rows by panels; the last may be twice as wide."""
+def _panels_function(float_type: str, number_bytes: int) -> str:
+    """Return the LLVM function `panels`, which scatters very wide rows in panels of components to an output.
+
+    The last panel may be twice as wide as the others.
+    """
     f = _begin_function("panels", float_type)
-    with f.loop(f.put(f"sub i64 %count, {PANEL_COMPONENTS - 1}"), step=str(PANEL_COMPONENTS)) as c:
+    with f.loop(f.put(f"sub i64 %count, {COMPONENTS_PER_PANEL - 1}"), step=str(COMPONENTS_PER_PANEL)) as c:
         left = f.put(f"sub i64 %count, {c}")
-        count = f.put(
-            f"select i1 {f.put(f'icmp slt i64 {left}, {2 * PANEL_COMPONENTS}')}, i64 {left}, i64 {PANEL_COMPONENTS}"
-        )
+        is_last = f.put(f"icmp slt i64 {left}, {2 * COMPONENTS_PER_PANEL}")
+        count = f.put(f"select i1 {is_last}, i64 {left}, i64 {COMPONENTS_PER_PANEL}")
         tiles, to = f.pointer_at("%tiles", f.multiply(c, 4)), f.pointer_at("%to", f.multiply(c, "%step"))
-        stage = f"ptr %stage, i64 {f.multiply(count, size)}"
+        stage = f"ptr %stage, i64 {f.multiply(count, number_bytes)}"
         f.do(f"call void {shared_name('rows', float_type)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
         target = f"ptr {to}, i64 %stride, i64 %step, i64 %rest"
         f.do(f"call void {shared_name('scatter', float_type)}(ptr %stage, i64 {count}, {target})")
@@ -212,7 +218,7 @@ def _panels_function(float_type: str, size: int) -> str:
     return f.text()
 
 
-def _flush_function(float_type: str, size: int) -> str:
+def _flush_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM function `flush`, which streams a block of `bytes` bytes from its stage to the address `at`.
 
     Whole cache lines are written; the rest of the block is copied in front of the stage, or written number by number
@@ -225,9 +231,9 @@ def _flush_function(float_type: str, size: int) -> str:
     to = f.put("inttoptr i64 %at to ptr")
 
     def copy_numbers(start: str, end: str) -> None:
-        with f.loop(f.put(f"sub i64 {end}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(size)) as b:
-            one = f.put(f"load {float_type}, ptr {f.pointer_at('%stage', b)}, align {size}")
-            f.do(f"store {float_type} {one}, ptr {f.pointer_at(to, b)}, align {size}")
+        with f.loop(f.put(f"sub i64 {end}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(number_bytes)) as b:
+            one = f.put(f"load {float_type}, ptr {f.pointer_at('%stage', b)}, align {number_bytes}")
+            f.do(f"store {float_type} {one}, ptr {f.pointer_at(to, b)}, align {number_bytes}")
 
     cut = f.put(f"icmp slt i64 {line}, %first")
     behind = f.put(f"add i64 {line}, {CACHE_LINE_BYTES}")
@@ -237,14 +243,14 @@ def _flush_function(float_type: str, size: int) -> str:
     with f.loop(
         f.put(f"sub i64 {whole}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(CACHE_LINE_BYTES)
     ) as b:
-        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at('%stage', b)}, align {size}")
+        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at('%stage', b)}, align {number_bytes}")
         f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {f.pointer_at(to, b)}, align {CACHE_LINE_BYTES}, !nontemporal !0")
     with f.when_else("%last") as otherwise:
         with f.when(f.put(f"icmp sge i64 {whole}, {start}")):
             copy_numbers(whole, stop)
         otherwise()
         end = f.pointer_at("%stage", "%bytes")
-        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at(end, -CACHE_LINE_BYTES)}, align {size}")
+        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at(end, -CACHE_LINE_BYTES)}, align {number_bytes}")
         before = f.pointer_at("%stage", -CACHE_LINE_BYTES)
         f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")
     f.do("ret void")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from hingepair.engine.llvm_builder import shared_name
-from hingepair.engine.llvm_memory import MEMORY_SIGNATURES, memory_functions
-from hingepair.engine.llvm_sines import SINE_SIGNATURES, sine_functions
+from hingepair.engine.llvm_memory import MEMORY_PARAMETERS_BY_FUNCTION, memory_functions
+from hingepair.engine.llvm_sines import SINE_PARAMETERS_BY_FUNCTION, sine_functions
 
-_FUNCTION_SIGNATURES: Final = {**MEMORY_SIGNATURES, **SINE_SIGNATURES}
+_PARAMETERS_BY_FUNCTION: Final = {**MEMORY_PARAMETERS_BY_FUNCTION, **SINE_PARAMETERS_BY_FUNCTION}
 """Parameter list (LLVM IR) of each shared function, by its name."""
 
 
@@ -19,11 +19,12 @@ def shared_ir(number: str) -> str:
 
 def shared_symbols(number: str) -> list[str]:
     """Return the linker symbols of the shared functions for numbers of type "double" or "float"."""
-    return [shared_name(name, number)[1:] for name in _FUNCTION_SIGNATURES]
+    return [shared_name(name, number)[1:] for name in _PARAMETERS_BY_FUNCTION]
 
 
 def declarations(number: str) -> list[str]:
     """Return the lines of LLVM IR by which a kernel declares the shared functions."""
     return [
-        f"declare void {shared_name(name, number)}({parameters})" for name, parameters in _FUNCTION_SIGNATURES.items()
+        f"declare void {shared_name(name, number)}({parameters})"
+        for name, parameters in _PARAMETERS_BY_FUNCTION.items()
     ]

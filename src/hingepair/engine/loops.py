@@ -38,7 +38,7 @@ from hingepair.engine.llvm_arithmetic import Carry, ComponentGroup
 from hingepair.engine.llvm_builder import number_type
 from hingepair.engine.llvm_ir import kernel_ir
 from hingepair.engine.trace import (
-    FUNCTION_OPERATIONS,
+    FUNCTION_OPERATION_NAMES,
     Operand,
     Trace,
     TracedValue,
@@ -62,12 +62,12 @@ _NUMPY_BLOCK_SAMPLES: Final = 2048
 _MAX_CONVERTED_BYTES: Final = 4_000_000
 """Number of bytes that are converted to another dtype at a time (one block is still held while the next is made)."""
 
-_FUNCTION_WEIGHT: Final = 10
+_OPERATIONS_PER_FUNCTION: Final = 10
 """Number of operations that a sine, a square root and the like count as."""
 
 
 class KernelKey(NamedTuple):
-    """The key of one kernel of a program.
+    """Key by which a program finds one of its kernels.
 
     Attributes:
         uniform: for each input array, whether it stays the same along the inner axis.
@@ -81,7 +81,7 @@ class KernelKey(NamedTuple):
 
 
 class Loop:
-    """A function of scalars that runs over samples.
+    """A function of scalars, which is traced and run over many samples by NumPy or machine code.
 
     Args:
         name: name of the generated code.
@@ -131,7 +131,7 @@ class Loop:
             return
         bound = bind(self.inputs, values, frozenset(self.carry))
         if not bound.arrays and execution.backend == "compiled":  # one sample is rounded as many samples are
-            bound = bind(self.inputs, values, varying=True)
+            bound = bind(self.inputs, values, keep_single_samples=True)
         self.program(bound.pattern).run(bound, out, shape, dtype, execution)
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
@@ -142,12 +142,14 @@ class Loop:
             library: the array library.
         """
         pattern, constants, arrays = bind_foreign(self.inputs, values)
-        flat = iter(self.program(pattern).library_function(library)(*constants, *arrays))
-        return {name: tuple(next(flat) for _ in range(math.prod(tail))) for name, tail in self.outputs}
+        flat = iter(self.program(pattern).function_for_library(library)(*constants, *arrays))
+        return {
+            name: tuple(next(flat) for _ in range(math.prod(sample_shape))) for name, sample_shape in self.outputs
+        }
 
 
 class OperationCounts(NamedTuple):
-    """Numbers of operations of a program.
+    """Numbers of operations of a program: for each sample, shared by all samples, and before folding.
 
     Attributes:
         per_sample: operations for each sample.
@@ -166,7 +168,7 @@ class OperationCounts(NamedTuple):
 
 
 class TracedFunction(NamedTuple):
-    """A traced function.
+    """Inputs and results of a traced function.
 
     Attributes:
         constants: traced values of the constants.
@@ -183,13 +185,13 @@ class TracedFunction(NamedTuple):
         return [component for name, _ in outputs for component in components(self.results[name])]
 
 
-T = TypeVar("T")  # type of a cached value
+_CachedType = TypeVar("_CachedType")
 
 
-class _LockFreeCachedProperty(functools.cached_property[T]):
+class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
     """A cached property without the lock of Python 3.11, which a fork could leave locked in the child for ever."""
 
-    def __get__(self, instance: Any, owner: type[Any] | None = None) -> T:  # type: ignore[override]
+    def __get__(self, instance: Any, owner: type[Any] | None = None) -> _CachedType:  # type: ignore[override]
         value = instance.__dict__[self.attrname] = self.func(instance)
         return value
 
@@ -215,7 +217,9 @@ class Program:
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
         """Run the program over bound inputs, and write the outputs into `out`, as `Loop.run` does."""
-        targets = [view for name, tail in self.loop.outputs for view in component_views(out[name], tail)]
+        targets = [
+            view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
+        ]
         if not bound.arrays or execution.backend == "numpy":
             self._run_numpy(bound, targets, shape, dtype, execution.workers)
             return
@@ -244,10 +248,12 @@ class Program:
     def default_kernel_key(self) -> KernelKey:
         """Return the key of the kernel for float64 inputs that all vary from sample to sample."""
         arrays = {source[0] for source in self.pattern if isinstance(source, tuple)}
-        return KernelKey((False,) * len(arrays), tuple(math.prod(tail) for _, tail in self.loop.outputs), "d")
+        return KernelKey(
+            (False,) * len(arrays), tuple(math.prod(sample_shape) for _, sample_shape in self.loop.outputs), "d"
+        )
 
     def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Count a call, and return the kernel if it is compiled or compiling it pays now; else None.
+        """Count a call, and return the kernel if it exists or compiling it pays now; else return None.
 
         `backend.BreakEvenCounter` decides when compiling pays.
 
@@ -331,7 +337,7 @@ class Program:
         dtype: np.dtype[Any],
         workers: int,
     ) -> None:
-        """Run the program by NumPy in blocks of samples; without input arrays compute once in Python floats."""
+        """Compute the outputs by NumPy, in blocks, into `targets`; without input arrays once in Python floats."""
         if not bound.arrays and dtype == np.float64:
             results = self.floats_function(*bound.constants)
             for target in targets:
@@ -347,7 +353,7 @@ class Program:
         function = self.arrays_function
 
         def run_blocks(blocks: Sequence[Block]) -> None:
-            """Compute the outputs of some blocks of samples."""
+            """Compute some blocks of samples, and write them into the outputs."""
             with np.errstate(all="ignore"):
                 for block in blocks:
                     results = function(*constants, *(load(array, block, dtype) for array in inputs))
@@ -380,17 +386,17 @@ class Program:
         return python_source.compile_for_arrays(self.loop.name, self.source)
 
     @_LockFreeCachedProperty
-    def library_function(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
-        """Factory of the generated function for arrays of another library, cached by library and dtype."""
+    def function_for_library(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
+        """Function that takes an array library and returns the generated function for its arrays; cached."""
         return functools.lru_cache(maxsize=8)(
             functools.partial(python_source.compile_for_library, self.loop.name, self.source)
         )
 
     @_LockFreeCachedProperty
     def weighted_operations(self) -> int:
-        """Number of operations of the program; a function such as the sine counts as `_FUNCTION_WEIGHT`."""
+        """Number of operations of the program; a function such as a sine counts `_OPERATIONS_PER_FUNCTION` times."""
         return sum(
-            (_FUNCTION_WEIGHT if value.operation in FUNCTION_OPERATIONS else 1)
+            (_OPERATIONS_PER_FUNCTION if value.operation in FUNCTION_OPERATION_NAMES else 1)
             for value in self._needed_values
             if value.operation != "input"
         )
@@ -411,7 +417,7 @@ class Program:
         return self.traced((False,) * len({source[0] for source in self.pattern if isinstance(source, tuple)}))
 
     def traced(self, uniform: tuple[bool, ...]) -> TracedFunction:
-        """Trace the function for this pattern of inputs.
+        """Trace the loop's function for this pattern of inputs, and return its inputs and results.
 
         Args:
             uniform: for each input array, whether it stays the same from sample to sample.
@@ -420,9 +426,9 @@ class Program:
         constants: list[TracedValue] = []
         arrays: dict[int, dict[int, TracedValue]] = {}
         values: dict[str, Any] = {}
-        for name, tail in self.loop.inputs:
+        for name, sample_shape in self.loop.inputs:
             operands: list[Operand] = []
-            count = math.prod(tail)
+            count = math.prod(sample_shape)
             for k in range(count):
                 source, labels = next(sources), self.loop.labels.get(name)
                 label = labels[k] if labels else component_name(name, k, count)
@@ -437,7 +443,7 @@ class Program:
                     operands.append(columns[component])
                 else:
                     operands.append(source)
-            values[name] = tuple(operands) if tail else operands[0]
+            values[name] = tuple(operands) if sample_shape else operands[0]
         before = {name: values[name] for name in self.loop.carry}
         results = {**self.loop.function(values), "before": before}
         for name, _ in self.loop.outputs:
@@ -453,8 +459,8 @@ class Program:
         shape: ArrayShape,
         dtype: np.dtype[Any],
     ) -> None:
-        """Run a scan by NumPy: all chains at once, one sample after the other."""
-        names = [name for name, tail in self.loop.inputs for _ in range(math.prod(tail))]
+        """Run a scan by NumPy, all chains at once and sample after sample; write into `outputs`."""
+        names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]
         columns = {source: k for k, source in enumerate(sorted({s for _, s in sources if isinstance(s, tuple)}))}
         carried = [columns[s] for name, s in sources if name in self.loop.carry and isinstance(s, tuple)]

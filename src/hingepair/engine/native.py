@@ -53,7 +53,7 @@ class Kernel:
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
-    """Return a built-in function that calls a kernel with arrays; it keeps the kernel alive.
+    """Return a built-in function that calls a kernel with arrays, and keeps the kernel alive.
 
     Args:
         kernel: the kernel to call.
@@ -127,7 +127,7 @@ def _link_shared_functions(number: str) -> None:
 
 @functools.cache
 def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share; return their engine, and their addresses by symbol."""
+    """Return the engine with the functions that all kernels share, compiled once, and their addresses by symbol."""
     engine = _compile_module("shared functions", shared_ir(number))
     mark_shared_code_compiled()
     return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(number)}
@@ -135,7 +135,7 @@ def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dic
 
 @functools.cache
 def _call_method_definition() -> _MethodDefinition:
-    """Compile the function that calls kernels with arrays, once for all kernels; return its definition."""
+    """Return the definition of the built-in function that calls kernels with arrays; compiled once."""
     engine = _compile_module("array_call", call_ir())
     method = _MethodDefinition(b"kernel", engine.get_function_address("call"), _FASTCALL_FLAG)
     method.engine = engine  # kept alive as long as the definition

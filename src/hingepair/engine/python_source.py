@@ -18,7 +18,7 @@ from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, versine, versines
 _MAX_LINE_LENGTH = 110  # number of characters of a generated line of arguments or results
 _MAX_EXPRESSION_LENGTH = 300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
 # Precedence of expressions in Python: a higher number binds more tightly.
-_OPERATOR_PRECEDENCE = {"+": 1, "-": 1, "*": 2, "/": 2}
+_PRECEDENCE_BY_OPERATOR = {"+": 1, "-": 1, "*": 2, "/": 2}
 _NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
 
 
@@ -51,13 +51,13 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Compile a source into a function of Python floats.
+    """Return a function of Python floats, compiled from its source.
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
-    fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
+    fast, safe = _compile_function(name, source, _FLOAT_FUNCTION_BY_NAME), compile_for_arrays(name, source)
 
-    def function(*numbers: float) -> tuple[Any, ...]:
+    def floats_function(*numbers: float) -> tuple[Any, ...]:
         """Return the results for Python floats; use NumPy's numbers where Python raises an error."""
         try:
             return fast(*numbers)
@@ -65,21 +65,21 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
             with np.errstate(all="ignore"):
                 return tuple(map(float, safe(*map(np.float64, numbers))))
 
-    return function
+    return floats_function
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Compile a source into a function of NumPy arrays and numbers."""
-    return _compile_function(name, source, _ARRAY_FUNCTIONS)
+    """Return a function of NumPy arrays and numbers, compiled from its source."""
+    return _compile_function(name, source, _ARRAY_FUNCTION_BY_NAME)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Compile a source into a differentiable function of numbers and arrays of another library."""
+    """Return a differentiable function of numbers and arrays of another library, compiled from its source."""
 
     def library_or_float(function: str) -> Callable[..., Any]:
-        """Return a function that uses the library for its arrays, and NumPy for numbers."""
-        numbers: Callable[..., Any] = _ARRAY_FUNCTIONS[function]
-        arrays = getattr(library.namespace, _STANDARD_NAMES.get(function, function))
+        """Return a function that calls the library's for its arrays, and NumPy's for numbers."""
+        numbers: Callable[..., Any] = _ARRAY_FUNCTION_BY_NAME[function]
+        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_FUNCTION.get(function, function))
 
         def call(*operands: Any) -> Any:
             return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))
@@ -104,7 +104,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
 
 
 def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
-    """Compile the source of a function, which calls other functions by name."""
+    """Return a function compiled from its source; `functions` are those that it calls, by name."""
     scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
     function: Callable[..., tuple[Any, ...]] = scope[identifier(name)]
@@ -118,7 +118,7 @@ def identifier(name: str) -> str:
     ('arm_left_c_d', '_2nd', '_lambda', '_sin')
     """
     stem = re.sub(r"\W", "_", name, flags=re.ASCII)
-    reserved = stem in _FLOAT_FUNCTIONS or stem in {"nan", "inf"}
+    reserved = stem in _FLOAT_FUNCTION_BY_NAME or stem in {"nan", "inf"}
     return f"_{stem}" if reserved or not stem.isidentifier() or keyword.iskeyword(stem) else stem
 
 
@@ -140,17 +140,17 @@ class _NameRegistry:
         return unused
 
 
-def _operand_text(operand: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return an operand as Python source, and its precedence; `text` holds those of values by identity."""
+def _operand_text(operand: Operand, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return the Python source of an operand and its precedence; source_by_id holds both for traced values."""
     if isinstance(operand, TracedValue):
-        return text[id(operand)]
+        return source_by_id[id(operand)]
     return repr(float(operand)), _ATOM_PRECEDENCE if operand >= 0 else _NEGATION_PRECEDENCE
 
 
-def _expression(value: TracedValue, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return an operation as Python source, and its precedence."""
-    parts = [_operand_text(one, text) for one in value.operands]
-    precedence = _OPERATOR_PRECEDENCE.get(value.operation)
+def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return the Python source of an operation and its precedence; source_by_id holds both for its operands."""
+    parts = [_operand_text(one, source_by_id) for one in value.operands]
+    precedence = _PRECEDENCE_BY_OPERATOR.get(value.operation)
     if precedence is not None:
         (left, left_precedence), (right, right_precedence) = parts
         left = left if left_precedence >= precedence else f"({left})"
@@ -186,7 +186,7 @@ def _wrapped_list(opening: str, parts: Iterable[str], closing: str) -> list[str]
 
 
 # Functions that generated code calls for Python floats, by name.
-_FLOAT_FUNCTIONS: dict[str, Any] = {
+_FLOAT_FUNCTION_BY_NAME: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
     "versine": versine,
@@ -196,7 +196,7 @@ _FLOAT_FUNCTIONS: dict[str, Any] = {
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
 # Functions that generated code calls for NumPy arrays, by name.
-_ARRAY_FUNCTIONS: dict[str, Any] = {
+_ARRAY_FUNCTION_BY_NAME: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -205,5 +205,5 @@ _ARRAY_FUNCTIONS: dict[str, Any] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-_STANDARD_NAMES = {"arctan2": "atan2"}
+_ARRAY_API_NAME_BY_FUNCTION = {"arctan2": "atan2"}
 """Names of functions in the array API standard, where they differ from NumPy's."""

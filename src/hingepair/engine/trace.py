@@ -19,7 +19,7 @@ from hingepair.numeric.bounded import Bounded
 
 Operand: TypeAlias = "TracedValue | float"
 
-FUNCTION_OPERATIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
+FUNCTION_OPERATION_NAMES: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
 """Operations of a trace that are no plain arithmetic."""
 
 
@@ -28,7 +28,7 @@ class TracedValue:
 
     Attributes:
         trace: the trace that records the operations on this value.
-        operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTION_OPERATIONS.
+        operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTION_OPERATION_NAMES.
         operands: values and numbers.
         varies: whether the value differs from sample to sample.
         name: name in generated code; "" if there is none.
@@ -75,7 +75,7 @@ class TracedValue:
         return self._multiply_number(float(other), (float(other), self))
 
     def _multiply_number(self, number: float, factors: tuple[Operand, Operand]) -> Operand:
-        """Return the product with a known number; `factors` are the operands in their order."""
+        """Return the product with a known number, which folds if it is 0, 1 or -1; `factors` in their order."""
         if number == 0:
             return 0.0
         if number == 1:
@@ -128,7 +128,7 @@ class Trace:
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Record an operation, and return its value; return the earlier value of an operation recorded before."""
+        """Return the value of an operation, recorded now unless it has been recorded before."""
         key = (operation, *operands)
         value = self._recorded.get(key)
         if value is None and operation in {"+", "*"}:
@@ -185,7 +185,7 @@ def hypotenuse(x: Any, y: Any) -> Any:
 
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Record an operation of two operands if one of them is traced; else call its NumPy function."""
+    """Record an operation of two operands and return its value, if one is traced; else call the NumPy function."""
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)
     return b.trace.record(operation, a, b) if isinstance(b, TracedValue) else function(a, b)
@@ -206,17 +206,17 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
 
 
 # Suffixes of the names of components, by their number.
-_COMPONENT_SUFFIXES: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
+_COMPONENT_SUFFIXES_BY_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 
 def component_name(name: str, k: int, count: int) -> str:
     """Return the name of component k of `count` in generated code."""
-    suffixes = _COMPONENT_SUFFIXES.get(count)
+    suffixes = _COMPONENT_SUFFIXES_BY_COUNT.get(count)
     return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Set the names of a result's components in generated code, for traced values that have no name yet."""
+    """Name the components of a result in generated code, as far as they are traced values without a name."""
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
         if isinstance(component, TracedValue) and not component.name and component.operation != "negative":

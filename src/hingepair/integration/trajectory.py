@@ -22,7 +22,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.euler import matrix_to_euler
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 
 
 class LazyValue:
@@ -272,7 +272,7 @@ class Trajectory(_TrajectoryBase):
         Raises:
             ArgumentError: another body, an unknown sequence, S2 was not computed, or the arrays are Dask arrays.
         """
-        check_choice("sequence", sequence, SEQUENCES)
+        check_choice("sequence", sequence, SEQUENCE_NAMES)
         if body not in {1, 2}:
             raise ArgumentError("body", "1 or 2", quoted(body))
         S = self.S1 if body == 1 else self.state.S2

@@ -27,7 +27,7 @@ from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_n
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, input_shapes, request_loop
-from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
+from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
 MASS_INDEPENDENT_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
@@ -41,7 +41,9 @@ _SHAPE_BY_BASE_INPUT: Final = {
     "torque1": (3,),
 }
 # Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
-_ATTITUDE_LIMIT_BY_ITEMSIZE: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
+_ATTITUDE_LIMIT_BY_ITEMSIZE: Final = {
+    size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
+}
 _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
 

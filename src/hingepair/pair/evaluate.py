@@ -21,7 +21,7 @@ from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Plan, make_plan, plan_loop
-from hingepair.rotations.matrices import ROTATION_TOLERANCES, check_rotation
+from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
 AUTO: Final = Execution("auto", 1)  # how a call is run unless told
 STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL_MOTION: PairState, PLANAR_MOTION: PlanarState}
@@ -30,7 +30,7 @@ STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL_MOTION: PairState
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
 # By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
-_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCES.items()}
+_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()}
 _QUATERNION_LIMITS: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 

@@ -15,7 +15,7 @@ from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
-ORDERS = (2, 4, 6, 8)  # of the error of numerical derivatives
+DIFFERENCE_ORDERS = (2, 4, 6, 8)  # of the error of numerical derivatives
 
 
 @overload
@@ -25,12 +25,14 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity of a moving attitude: [omega]x = S' S^T (E3).
+    """Return the angular velocity of a moving attitude S (E3); with_defect adds an error measure of S_dot.
+
+    The angular velocity omega is the vector of [omega]x = S' S^T, where ' is the time derivative.
 
     Args:
         S: rotations, body to world; shape (..., 3, 3).
         S_dot: their time derivatives [1/s]; shape (..., 3, 3).
-        with_defect: also say how far S' S^T is from antisymmetric, so how far S_dot is from the derivative of a
+        with_defect: also return how far S' S^T is from antisymmetric, so how far S_dot is from the derivative of a
             rotation.
 
     Returns:
@@ -54,17 +56,17 @@ def angular_velocity(
     inputs = {"S": components_of(attitude, 2), "S_dot": components_of(rate, 2)}
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
-    def turning(values: Named) -> Named:
-        """Return omega from S and S', and on request the largest symmetric part of S' S^T."""
+    def omega_and_defect(values: Named) -> Named:
+        """Return omega from S and S', and on request the largest element of the symmetric part of S' S^T, by name."""
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
-        found: Named = {"omega": eq.unskew(W)}
+        results: Named = {"omega": eq.unskew(W)}
         if with_defect:
             pairs = ((0, 0), (4, 4), (8, 8), (1, 3), (2, 6), (5, 7))
-            found["defect"] = functools.reduce(np.maximum, [np.abs(0.5 * W[i] + 0.5 * W[j]) for i, j in pairs])
-        return found
+            results["defect"] = functools.reduce(np.maximum, [np.abs(0.5 * W[i] + 0.5 * W[j]) for i, j in pairs])
+        return results
 
-    found = tabulate(turning, inputs, tails, shape, result_dtype((attitude, rate)))
-    return (found["omega"], found["defect"]) if with_defect else found["omega"]
+    results = tabulate(omega_and_defect, inputs, tails, shape, result_dtype((attitude, rate)))
+    return (results["omega"], results["defect"]) if with_defect else results["omega"]
 
 
 @overload
@@ -78,7 +80,7 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity of samples of an attitude (E3), at each sample.
+    """Return the angular velocity at each sample of an attitude (E3); with_alpha adds the acceleration.
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta for each neighbour k. There theta is
     0, so that omega = theta' and alpha = theta'' exactly; these are the derivatives of a polynomial of degree
@@ -117,27 +119,30 @@ def angular_velocity_from_samples(
     >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
-    if isinstance(order, bool) or order not in ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", quoted(order))
+    if isinstance(order, bool) or order not in DIFFERENCE_ORDERS:
+        raise ArgumentError("order", f"one of {', '.join(map(str, DIFFERENCE_ORDERS))}", quoted(order))
     instants, attitude = real_array("t", t), vectors("S", S, 3, 3)
     dtype = result_dtype((instants, attitude))
     time = check_instants("t", instants, order)
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:
         raise ArgumentError("S", f"shape (..., {time.size}, 3, 3), a rotation for each t", f"shape {attitude.shape}")
     check_rotation("S", attitude)
-    found = _local_derivatives(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
+    found = _rotation_vector_derivatives(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
     omega, *alpha = (array.astype(dtype, copy=False) for array in found)
     return (omega, alpha[0]) if alpha else omega
 
 
-def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return first and, if `count` is 2, second derivatives of the rotation vectors about each sample."""
-    path = _path(S)
+def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
+    """Return a list of `count` (1 or 2) time derivatives, at each sample, of the rotation vector from it."""
+    turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):
         for rows, neighbours, *weights in stencils(t, order):
             samples = np.arange(rows.start, rows.stop)
-            _check_turns(np.abs(path[..., neighbours] - path[..., samples, None]).max(axis=-1, initial=0.0), samples)
+            _check_turn_angles(
+                np.abs(turned_angles[..., neighbours] - turned_angles[..., samples, None]).max(axis=-1, initial=0.0),
+                samples,
+            )
             for k, others in enumerate(neighbours.T):
                 theta = _rotation_between(S[..., rows, :, :], S[..., others, :, :])
                 theta[..., others == samples, :] *= 0.0  # round-off; NaN where S is
@@ -147,24 +152,24 @@ def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int)
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """Return the rotation vectors that take attitudes to other ones; world axes."""
+    """Return the rotation vectors, world axes, that turn the attitudes `start` into the attitudes `stop`."""
     return rotation_vector(stop @ np.swapaxes(start, -1, -2))
 
 
-def _path(S: Float64Array) -> Float64Array:
-    """Return the angle turned up to each sample, step by step [rad]; steps that are not finite count 0."""
-    path = np.zeros(S.shape[:-2])
+def _turned_angles(S: Float64Array) -> Float64Array:
+    """Return for each sample the sum of the angles of all steps before it [rad]; NaN steps count as 0."""
+    angles = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
         steps = _rotation_between(S[..., :-1, :, :], S[..., 1:, :, :])
-        np.cumsum(np.nan_to_num(np.sqrt((steps * steps).sum(axis=-1))), axis=-1, out=path[..., 1:])
-    return path
+        np.cumsum(np.nan_to_num(np.sqrt((steps * steps).sum(axis=-1))), axis=-1, out=angles[..., 1:])
+    return angles
 
 
-def _check_turns(turns: Float64Array, samples: NDArray[np.intp]) -> None:
-    """Refuse neighbours so far apart that the rotation vector between them might be another."""
-    bad = np.argwhere(turns >= np.pi)
+def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
+    """Raise an error where the angle to the farthest neighbour used is pi or more: it would be ambiguous."""
+    bad = np.argwhere(angles >= np.pi)
     if bad.size:
-        wanted = (
+        expected = (
             "samples that turn by less than pi from one to each neighbour used (a smaller step, or a lower order)"
         )
-        raise ArgumentError("S", wanted, f"{turns[tuple(bad[0])]:.3g} rad at index {samples[bad[0, -1]]}")
+        raise ArgumentError("S", expected, f"{angles[tuple(bad[0])]:.3g} rad at index {sample_indices[bad[0, -1]]}")

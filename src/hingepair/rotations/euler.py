@@ -25,17 +25,17 @@ from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
-_LOCK_LIMITS = {4: 5e-4, 8: 1e-12}  # by the size of a number: abs(cos phi_y) below which angles are lost
+_LOCK_LIMIT_BY_ITEMSIZE = {4: 5e-4, 8: 1e-12}  # abs(cos phi_y) below which angles are lost, by bytes of a number
 
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
-def _lock_limit(angles: NDArray[Any]) -> float:
-    """Return the limit of abs(cos phi_y), or abs(sin phi_y) in proper sequences, below which is gimbal lock.
+def _gimbal_lock_limit(array: NDArray[Any]) -> float:
+    """Return the abs(cos phi_y), in proper sequences abs(sin phi_y), below which is gimbal lock; by dtype.
 
     There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
     """
-    return _LOCK_LIMITS[result_dtype((angles,)).itemsize]
+    return _LOCK_LIMIT_BY_ITEMSIZE[result_dtype((array,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -58,7 +58,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    return _matrix(phi, sequence, Sequence.attitude)
+    return _matrices_of_angles(phi, sequence, Sequence.attitude)
 
 
 @overload
@@ -70,7 +70,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles of rotation matrices (E10 solved for phi).
+    """Return the Euler angles of rotation matrices (E10 solved for phi); with_lock adds where gimbal lock is.
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis is also the last, as in XYX;
     the others in [-pi, pi].
@@ -101,17 +101,19 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     check_rotation("S", matrix)
     back = [order.place.index(i) for i in range(3)]
 
-    def angles(values: Named) -> Named:
-        """Return the Euler angles phi of S, and the sine or cosine that vanishes at gimbal lock."""
-        given = values["S"]
-        canonical = nine(given[3 * i + j] for i in back for j in back)
+    def angles_and_lock(values: Named) -> Named:
+        """Return the Euler angles phi of S, and the sine or cosine that is 0 at gimbal lock, by name."""
+        S_entries = values["S"]
+        canonical = nine(S_entries[3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
         opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
         return {"phi": phi, "lock": np.hypot(*opening)}
 
     tails: dict[str, tuple[int, ...]] = {"phi": (3,), "lock": ()}
-    out = tabulate(angles, {"S": components_of(matrix, 2)}, tails, matrix.shape[:-2], result_dtype((matrix,)))
-    return (out["phi"], np.asarray(out["lock"] < _lock_limit(matrix))) if with_lock else out["phi"]
+    out = tabulate(
+        angles_and_lock, {"S": components_of(matrix, 2)}, tails, matrix.shape[:-2], result_dtype((matrix,))
+    )
+    return (out["phi"], np.asarray(out["lock"] < _gimbal_lock_limit(matrix))) if with_lock else out["phi"]
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -130,32 +132,39 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [0., 1., 0.],
            [0., 0., 1.]])
     """
-    return _matrix(phi, sequence, lambda order, trig: matrix_from_columns(*order.columns(order.axes(trig))))
+    return _matrices_of_angles(
+        phi, sequence, lambda order, trig: matrix_from_columns(*order.columns(order.axes(trig)))
+    )
 
 
-def _matrix(phi: ArrayLike, sequence: str, function: Callable[[Sequence, tuple[Any, ...]], Any]) -> FloatArray:
-    """Return a matrix-valued function of the sines and cosines of the canonical angles, for all samples."""
+def _matrices_of_angles(
+    phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
+) -> FloatArray:
+    """Return for all Euler angles phi the 3 x 3 matrix that `matrix_of_trig` makes of their sines and cosines.
+
+    Its arguments are the sequence, and (sin, cos) of the three canonical angles.
+    """
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
     def matrix(values: Named) -> Any:
-        return function(order, angle_terms(order.angles(values["phi"])))
+        return matrix_of_trig(order, angle_terms(order.angles(values["phi"])))
 
     return tabulate_one(matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Return the Euler-angle rates of an angular velocity: phi' = J^-1 omega (E4).
+    """Return the Euler-angle rates phi' = J^-1 omega (E4); at gimbal lock raise an error unless at_lock says else.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
-        at_lock: at gimbal lock (cos phi_y, or sin phi_y where the first axis comes back, below 1e-12; below 5e-4 of
-            angles in float32), "raise", or give the "least_squares" rates: the smallest phi' whose J phi' is nearest
-            to omega.
+        at_lock: "raise" an error at gimbal lock, or return the "least_squares" rates there: the smallest phi' whose
+            J phi' is nearest to omega. Gimbal lock is where abs(cos phi_y), or abs(sin phi_y) where the first axis is
+            also the last, is below 1e-12; for angles in float32, below 5e-4.
 
     Returns:
-        phi'; shape (..., 3).
+        phi' [rad/s]; shape (..., 3).
 
     Raises:
         GimbalLockError: J has no inverse at some sample, and at_lock is "raise".
@@ -177,7 +186,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     out = tabulate(rates, inputs, {"phid": (3,), "lock": ()}, shape, result_dtype((angles, velocity)))
-    limit = _lock_limit(angles)
+    limit = _gimbal_lock_limit(angles)
     locked = np.abs(out["lock"]) < limit
     if locked.any():
         if at_lock == "raise":
@@ -192,35 +201,39 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     return out["phid"]
 
 
-def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return J^-1 omega in canonical angles (E4)."""
-    axes = order.axes(trig)
-    x, y, z = (omega[order.place.index(i)] for i in range(3))
-    if order.sign < 0:
+def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+    """Return the rates J^-1 omega of the canonical angles of a sequence; trig: their sines and cosines (E4)."""
+    axes = sequence.axes(trig)
+    x, y, z = (omega[sequence.place.index(i)] for i in range(3))
+    if sequence.sign < 0:
         x, y, z = -x, -y, -z
-    across = eq.scaled_third_rate(axes, (x, y, z))
-    third = -np.divide(across, trig[2]) if order.proper else np.divide(across, trig[3])
-    return eq.euler_rates1(axes, (x, y, z), third)
+    scaled_third = eq.scaled_third_rate(axes, (x, y, z))
+    third_rate = -np.divide(scaled_third, trig[2]) if sequence.proper else np.divide(scaled_third, trig[3])
+    return eq.euler_rates1(axes, (x, y, z), third_rate)
 
 
-def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Return the angles of Sx Sy Sz or Sx Sy Sx: the first, then the others with the first turned back out of S.
+def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
+    """Return the three canonical angles of a rotation S = Sx Sy Sz, or Sx Sy Sx for proper sequences.
+
+    The second and third angle are read after the first has been turned back out of S.
 
     Of the two first angles of Sx Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the
     middle angle positive in the order of the letters.
     """
-    opposite, adjacent = (order.sign * S[3], -order.sign * S[6]) if order.proper else (-S[5], S[8])
+    opposite, adjacent = (sequence.sign * S[3], -sequence.sign * S[6]) if sequence.proper else (-S[5], S[8])
     first = np.arctan2(opposite, adjacent + 0.0)  # of zeros of any sign: 0
     s, c = np.sin(first), np.cos(first)
     level = c * S[3] + s * S[6], c * S[4] + s * S[7], c * S[5] + s * S[8]
-    if order.proper:
+    if sequence.proper:
         return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
     return first, np.arctan2(S[2], c * S[8] - s * S[5]), np.arctan2(level[0], level[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """omega = J phi', phi' = J^-1 omega, alpha = J phi'' + J' phi' (E4), omega and alpha in world axes.
+    """Matrices J, J^-1 and J' of omega = J phi' (E4), omega in world axes, and the distance from gimbal lock.
+
+    With them, phi' = J^-1 omega and alpha = J phi'' + J' phi', alpha in world axes.
 
     Attributes:
         J: (..., 3, 3).
@@ -239,7 +252,7 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return J, J^-1, J' and the distance from gimbal lock (E4) for a body whose Euler angles are known.
+    """Return J, J^-1, J' and the distance from gimbal lock (E4) of Euler angles; J' is None without phid.
 
     The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
     sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).
@@ -278,22 +291,22 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         tails["J_dot"] = (3, 3)
     shape = broadcast_shape({name: array.shape[:-1] for name, array in arguments.items()})
     inputs = {name: components_of(array) for name, array in arguments.items()}
-    limit = _lock_limit(arguments["phi"])
+    limit = _gimbal_lock_limit(arguments["phi"])
 
-    def function(values: Named) -> Named:
+    def kinematics(values: Named) -> Named:
         """Return J, J^-1, J', the condition number and the distance from gimbal lock [rad] by name."""
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
-        found: Named = {"J": matrix_from_columns(*order.columns(axes))}
+        results: Named = {"J": matrix_from_columns(*order.columns(axes))}
         if "phid" in values:
-            found["J_dot"] = matrix_from_columns(*order.column_rates(axes, values["phid"]))
+            results["J_dot"] = matrix_from_columns(*order.column_rates(axes, values["phid"]))
         sine, cosine = np.abs(trig[2]), np.abs(trig[3])
         lock, common = (sine, cosine) if order.proper else (cosine, sine)
         inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_AXES]
-        found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in matrix_from_columns(*inverse))
-        found["condition"] = np.divide(1.0 + common, lock)
-        found["lock_distance"] = np.arctan2(lock, common)
-        return found
+        results["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in matrix_from_columns(*inverse))
+        results["condition"] = np.divide(1.0 + common, lock)
+        results["lock_distance"] = np.arctan2(lock, common)
+        return results
 
-    found = tabulate(function, inputs, tails, shape, result_dtype(arguments.values()))
-    return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
+    arrays = tabulate(kinematics, inputs, tails, shape, result_dtype(arguments.values()))
+    return EulerKinematics(**{name: read_only(array) for name, array in arrays.items()})

@@ -16,12 +16,12 @@ from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
-ROTATION_TOLERANCES = {4: 1e-5, 8: 1e-9}
+ROTATION_TOLERANCE_BY_ITEMSIZE = {4: 1e-5, 8: 1e-9}
 """How far a given matrix may be from a rotation, by the bytes of its numbers."""
 
 
 def skew(w: ArrayLike) -> FloatArray:
-    """Return the matrix [w]x, for which [w]x u = w x u.
+    """Return the cross-product matrix [w]x, for which [w]x @ u is w x u.
 
     Args:
         w: vectors; shape (..., 3).
@@ -44,7 +44,7 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return w from its cross-product matrix [w]x, for which [w]x @ a is w x a.
+    """Return w from its cross-product matrix [w]x; raise an error unless the matrix is antisymmetric.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).
@@ -65,14 +65,14 @@ def unskew(W: ArrayLike) -> FloatArray:
     with np.errstate(all="ignore"):
         rest = np.abs(matrix + np.swapaxes(matrix, -1, -2)).max(axis=(-2, -1), initial=0.0)
         size = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
-        bad = np.isfinite(size) & (rest > 2 * ROTATION_TOLERANCES[dtype.itemsize] * size)
+        bad = np.isfinite(size) & (rest > 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize] * size)
     if np.any(bad):
         raise ArgumentError("W", "antisymmetric matrices", f"W + W^T up to {np.max(rest[bad]):.3g}")
     return tabulate_one(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation by an angle about an axis (E6), as of body 2 against body 1 about the hinge axis.
+    """Return the rotation matrix by an angle about an axis (E6), as of body 2 against body 1 about the hinge.
 
     Args:
         n: axis, body-1 axes; shape (..., 3); any non-zero length.
@@ -98,9 +98,9 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation of a rotation vector, axis times angle (E6).
+    """Return the rotation matrix of a rotation vector, axis times angle (E6).
 
-    To 6 u (u = 2^-53) in every component, up to an angle of 1e15.
+    Every component is right to 6 u (u = 2^-53), up to an angle of 1e15.
 
     Args:
         rotvec: rotation vectors [rad]; shape (..., 3).
@@ -126,19 +126,21 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
         s, k, c = hinge_terms(angle.high)
         s_low, k_low, _ = hinge_terms(angle.low)
         lost = np.where(c > VERSINE_SWITCH_COSINE, 0.0, (1 - k) - c)  # when k = 1 - c was rounded
-        rest = _rest((x, y, z), axis, (s, k), (c * s_low - s * k_low, lost + (s * s_low + c * k_low)))
+        rest = _rounding_correction((x, y, z), axis, (s, k), (c * s_low - s * k_low, lost + (s * s_low + c * k_low)))
         return tuple(x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
 
     S = tabulate_one(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)
 
 
-def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.HingeTrig, low: eq.HingeTrig) -> tuple[Any, ...]:
-    """Return the correction of E6 for the low parts of the axis, of the sine and of 1 - cosine."""
-    (s, k), (s_low, k_low) = hinge, low
+def _rounding_correction(
+    n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
+) -> tuple[Any, ...]:
+    """Return the matrix to add to E6 for what the axis n and trig = (sin, 1 - cos) lost by rounding."""
+    (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
-    a, b, c = (unit.low for unit in axis)
-    xx, yy, zz = (2 * k * w.low * w.high + k_low * w.high * w.high for w in axis)
+    a, b, c = (unit.low for unit in twofold_axis)
+    xx, yy, zz = (2 * k * w.low * w.high + k_low * w.high * w.high for w in twofold_axis)
     xy = k * (x * b + y * a) + k_low * x * y
     yz = k * (y * c + z * b) + k_low * y * z
     zx = k * (z * a + x * c) + k_low * z * x
@@ -147,10 +149,9 @@ def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.HingeTrig, low: eq.
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """Return the rotation vector of a rotation, axis times angle, the angle in [0, pi] (E6 solved for n psi).
+    """Return the rotation vector of a rotation matrix, axis times angle, the angle in [0, pi] (E6 solved).
 
-    To 6 u (u = 2^-53) times the angle, for all angles: what `rotation_exp` made of a rotation vector comes
-    back to this.
+    The error is at most 6 u (u = 2^-53) times the angle: to this, `rotation_log(rotation_exp(rotvec))` is rotvec.
 
     Args:
         S: rotations; shape (..., 3, 3).
@@ -172,8 +173,8 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors of matrices that are known to be rotations."""
-    quat = _quaternion(S)
+    """Return the rotation vectors of rotation matrices, which are not checked to be rotations."""
+    quat = _scaled_quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
         length = np.hypot(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
@@ -183,17 +184,17 @@ def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit quaternions (w, x, y, z) of rotations, w >= 0; shape (..., 4)."""
-    return unit_quaternion(_quaternion(S))
+    return unit_quaternion(_scaled_quaternion(S))
 
 
 def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternions at unit length; NaN where one is not finite."""
+    """Return quaternions scaled to unit length; NaN where one is not finite."""
     with np.errstate(invalid="ignore"):
         return np.stack(direction(components_of(quat)), axis=-1)
 
 
-def _quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (w, x, y, z) of rotations, w >= 0, of a length between 2 and 4: not normalised.
+def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (w, x, y, z) of rotation matrices, w >= 0, of a length between 2 and 4.
 
     Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
     element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
@@ -214,7 +215,9 @@ def _quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
-    """Return the rotations of quaternions of any length but zero; NaN where a quaternion is not finite.
+    """Return the rotation matrices of quaternions of any length; raise an error that names `name` if one is 0.
+
+    The matrix is NaN where a quaternion is not finite.
 
     Raises:
         RotationError: a quaternion is zero.
@@ -235,8 +238,8 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 def project_to_rotation(M: ArrayLike) -> FloatArray:
     """Return the rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
 
-    To 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else the error grows with the largest singular
-    value over the sum of the two smallest.
+    The error is at most 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else it grows with the largest
+    singular value over the sum of the two smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).
@@ -263,15 +266,18 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     bad = (singular[..., 2] <= 1e-14 * singular[..., 0]) | (np.linalg.det(S) < 0)
     if np.any(bad):
         raise RotationError("M", "matrices with a positive determinant", f"{int(np.sum(bad))} of {bad.size} without")
-    S = _nearer(S, work / np.where(size > 0, size, 1.0))
+    S = _refine_nearest_rotation(S, work / np.where(size > 0, size, 1.0))
     S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
     S[~finite] = np.nan
     nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)
     return nearest
 
 
-def _nearer(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S turned so that S^T M is symmetric, as for the nearest rotation: this mends the SVD's rounding."""
+def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation S, nearly the nearest to M, turned so that S^T M is symmetric: one Newton step.
+
+    This mends the rounding of the singular value decomposition (SVD).
+    """
     A = np.swapaxes(S, -1, -2) @ M
     w = np.stack([A[..., k, j] - A[..., j, k] for _, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=-1)
     inertia = np.trace(A, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - (A + np.swapaxes(A, -1, -2)) / 2
@@ -280,20 +286,22 @@ def _nearer(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:
-    """Refuse a finite matrix that is further from a rotation than TOLERANCE; non-finite ones pass.
+    """Raise an error, which names `name`, if a finite matrix is no rotation within the tolerance of its dtype.
+
+    Matrices that are not finite pass.
 
     Raises:
         RotationError: names the argument, and project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
-    tolerance = 2 * ROTATION_TOLERANCES[dtype.itemsize]
+    tolerance = 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize]
     if shape == ():
-        one = _orthonormality({"S": S.ravel().tolist()})
+        one = _rotation_errors({"S": S.ravel().tolist()})
         if one["error"] <= tolerance and one["volume"] >= 0:
             return
         out = {name: np.asarray(value) for name, value in one.items()}
     else:
-        out = tabulate(_orthonormality, {"S": components_of(S, 2)}, {"error": (), "volume": ()}, shape, dtype)
+        out = tabulate(_rotation_errors, {"S": components_of(S, 2)}, {"error": (), "volume": ()}, shape, dtype)
     bad = (out["error"] > tolerance) | (out["volume"] < 0)
     if not np.any(bad):
         return
@@ -307,8 +315,8 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
         raise RotationError(name, wanted, got)
 
 
-def _orthonormality(values: Named) -> Named:
-    """Return the largest element of S^T S - I, and the determinant."""
+def _rotation_errors(values: Named) -> Named:
+    """Return by name the largest element of S S^T - I ("error") and the determinant ("volume")."""
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

@@ -15,15 +15,15 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import check_choice
 
 # The twelve intrinsic Euler sequences, in capitals.
-_INTRINSIC = tuple(
+_INTRINSIC_NAMES = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
 )
 # Capitals for intrinsic sequences, small letters for extrinsic ones.
-SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
+SEQUENCE_NAMES = (*_INTRINSIC_NAMES, *(name.lower() for name in _INTRINSIC_NAMES))
 
 
 class Sequence(NamedTuple):
-    """One Euler sequence as a renaming of Sx Sy Sz or Sx Sy Sx.
+    """An Euler sequence, as the canonical sequence Sx Sy Sz or Sx Sy Sx with its axes and angles renamed.
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
@@ -35,7 +35,7 @@ class Sequence(NamedTuple):
     sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
-        """Return canonical angles or rates for those in the order of the letters; the same call converts back."""
+        """Convert angles or rates from the order of the letters to the canonical order and sign, or back."""
         x, y, z = phi
         if self.backward:
             x, z = z, x
@@ -47,27 +47,28 @@ class Sequence(NamedTuple):
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the columns of the canonical J (E4)."""
+        """Return the columns of the canonical J, from sines and cosines of the canonical angles (E4)."""
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
-    def angular_velocity(self, axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
-        """Return omega = J phi' (E4) from the canonical columns of J and the rates in the order of the letters."""
-        return self.vector(eq.angular_velocity1(axes, self.angles(phid)))
+    def angular_velocity(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
+        """Return omega = J phi' (E4), world axes, from the canonical columns of J and rates in letter order."""
+        return self.vector(eq.angular_velocity1(canonical_axes, self.angles(phid)))
 
-    def angular_acceleration(self, axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
+    def angular_acceleration(self, canonical_axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
         """Return alpha = J phi'' + J' phi' (E4 differentiated); arguments as for `angular_velocity`."""
-        return self.vector(eq.angular_acceleration1(axes, self.angles(phid), self.angles(phidd)))
+        return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
-    def columns(self, axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
+    def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
         """Return the columns of J in world axes, in the order of the letters."""
-        return self._in_order(eq.euler_axes(axes))
+        return self._in_order(eq.euler_axes(canonical_axes))
 
-    def column_rates(self, axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
+    def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
         """Return the columns of J' in world axes, from the rates in the order of the letters."""
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
-        return self._in_order(eq.euler_axes_rates(axes, self.angles(phid)))
+        return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
+        """Return canonical columns of J in world axes, in the order of the letters."""
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
@@ -78,7 +79,7 @@ class Sequence(NamedTuple):
 
 
 def find_sequence(name: str) -> Sequence:
-    """Return the sequence of this name.
+    """Return the Euler sequence of this name, such as "XYZ"; raise an error if there is none.
 
     Raises:
         ArgumentError: no such sequence.
@@ -88,13 +89,13 @@ def find_sequence(name: str) -> Sequence:
     """
     if not isinstance(name, str):
         raise ArgumentError("sequence", "three letters such as 'XYZ' or 'zyx'", name)
-    return _sequence(name)
+    return _cached_sequence(name)
 
 
 @functools.cache
-def _sequence(name: str) -> Sequence:
-    """Return the properties of a sequence of Euler angles by name, such as XYZ (intrinsic) or xyz (extrinsic)."""
-    check_choice("sequence", name, SEQUENCES)
+def _cached_sequence(name: str) -> Sequence:
+    """Return the Euler sequence of a name such as XYZ (intrinsic) or xyz (extrinsic); check the name; cached."""
+    check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]
     proper = axes[0] == axes[2]
@@ -106,6 +107,6 @@ def _sequence(name: str) -> Sequence:
 
 
 def nine(entries: Any) -> eq.Matrix:
-    """Return nine entries as a matrix."""
+    """Return an iterable of nine entries as a matrix, a tuple."""
     a, b, c, d, e, f, g, h, i = entries
     return a, b, c, d, e, f, g, h, i

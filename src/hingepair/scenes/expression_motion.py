@@ -17,7 +17,7 @@ from hingepair.integration.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATE_NAMES, PLANAR_COORDINATE_NAMES
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates
@@ -133,7 +133,7 @@ def read_coordinate_functions(
     """Return coordinates as FunctionsOfTime, and their Euler sequence (None in the plane); refuse other keys."""
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
-    return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:

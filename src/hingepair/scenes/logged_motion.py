@@ -33,7 +33,7 @@ from hingepair.plans.steps import COORDINATE_COLUMN_NAMES, COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motion import Motion, PairMotionSource, turns_about
@@ -324,7 +324,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
     for name in (*(COLUMNS_BY_LOG_ARRAY["phi"] if attitude is _EULER_NAMES_BY_ORDER else ()), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
-    sequence = table.choice("sequence", SEQUENCES, "XYZ")
+    sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
     if attitude is _EULER_NAMES_BY_ORDER:
         rows = tuple(_seven([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
@@ -364,7 +364,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
     )
     if attitude is _EULER_NAMES_BY_ORDER:
-        S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCES, "XYZ")))
+        S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
     with warnings.catch_warnings(record=True) as caught, log.naming():

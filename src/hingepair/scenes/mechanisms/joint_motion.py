@@ -19,7 +19,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATE_NAMES
-from hingepair.rotations.sequences import SEQUENCES
+from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
 from hingepair.scenes.logged_motion import Log, LogLayout, log_path, read_ignored_columns
@@ -265,7 +265,7 @@ def _read_base(tables: Table) -> BaseMotion | None:
 
     completed_table = replace(table, values=dict.fromkeys(BASE_COORDINATE_KEYS, 0) | table.values)
     return BaseMotion(
-        read_functions(completed_table, BASE_COORDINATE_KEYS), table.choice("sequence", SEQUENCES, "XYZ")
+        read_functions(completed_table, BASE_COORDINATE_KEYS), table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     )
 
 
