@@ -315,6 +315,23 @@ def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
     assert (stated.motion.error_estimate, stated.notes()) == (0.0, ())
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-4], ids=["clean", "noisy"])
+@pytest.mark.parametrize("attitude", ["quaternions", "wrapped angles"])
+def test_a_noisy_log_that_is_differentiated_is_better_smoothed(tmp_path, attitude, noise):
+    columns = logged(101)
+    columns = some(columns, *BODY) if attitude == "quaternions" else some(columns, "t", *EULER)
+    rng = np.random.default_rng(4)
+    columns |= {name: columns[name] + noise * rng.standard_normal(101) for name in columns if name != "t"}
+    if attitude == "wrapped angles":
+        columns |= {name: np.mod(columns[name], 2 * np.pi) for name in (*EULER[3:6], "psi")}
+    notes = scene_of(tmp_path, columns, "differentiate = true\n").notes()
+    hints = [note for note in notes if "smooth = true in place of differentiate = true" in note]
+    assert len(hints) == (noise > 0)
+    for hint in hints:
+        assert all(f"% of {name}" in hint for name in ("a1", "psidd"))
+    assert not any("smooth = true" in note for note in scene_of(tmp_path, columns, "smooth = true\n").notes())
+
+
 @pytest.mark.usefixtures("one_backend")
 def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
     """Stamps that are exact at 1.7e9 s: every digit of the derivatives is that of a log from 0."""

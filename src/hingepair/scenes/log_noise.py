@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.finite_differences import differentiate, local_fit_residuals
+from hingepair.numeric.finite_differences import differentiate, local_fit_residuals, stencils
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.steps import COORDINATE_COLUMN_NAMES, COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
@@ -20,6 +20,7 @@ from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCo
 
 SMOOTHING_HINT_NOISE_RATIO: Final = 0.01
 """Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
+_MAX_RELATIVE_ROUNDING: Final = 1e-12  # noise of samples, in parts of the largest, that is taken for rounding
 _MAX_NOISE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
 
 
@@ -121,6 +122,25 @@ class LogNoise:
     def _keep(self, name: str, size: float) -> None:
         if size:
             self.sizes[name] = size
+
+
+def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tuple[float, float]:
+    """Return the standard deviations of the noise in the first and in the second derivative that finite differences
+    of the given order take of samples; of columns (N, k) the rms, of rotations (N, 3, 3) that of angles.
+
+    It is 0 where the noise of the samples is no more than rounding, and where there are too few to tell.
+    """
+    rows = noise_rows(t.size)
+    t, samples = t[rows] - t[rows.start], samples[rows]
+    residuals = local_fit_residuals(t, samples, _turned_from if samples.ndim == 3 else None)
+    if not residuals.size:
+        return 0.0, 0.0
+    size = float(np.sqrt(np.mean(residuals**2)))
+    if size <= _MAX_RELATIVE_ROUNDING * float(np.abs(samples).max()):
+        return 0.0, 0.0
+    _, _, *weights = next(stencils(t, order))
+    first, second = (float(np.sqrt(np.median((one**2).sum(axis=1)))) for one in weights)
+    return size * first, size * second
 
 
 def _turned_from(S: Float64Array, reference: Float64Array) -> Float64Array:

@@ -36,6 +36,7 @@ from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
+from hingepair.scenes.log_noise import derivative_noise
 from hingepair.scenes.motion import Motion, PairMotionSource, turns_about
 from hingepair.scenes.tables import NamedSource, Table
 
@@ -97,6 +98,7 @@ _EULER_NAMES_BY_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
+_MAX_NOISE_SHARE: Final = 0.1  # of a derivative's rms: noise above it is told of
 _MIN_LONG_DOUBLE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
@@ -166,6 +168,7 @@ class Log(NamedSource):
 
     Attributes:
         derived: names of the derivatives that were found by finite differences.
+        noise_shares: by name of these, the noise that the samples make in them, in parts of their rms.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
@@ -179,6 +182,7 @@ class Log(NamedSource):
         self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.derived: list[str] = []
+        self.noise_shares: dict[str, float] = {}
         self.notes: list[str] = []
         kind = path.suffix.lower()
         known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
@@ -233,11 +237,12 @@ class Log(NamedSource):
         if self.completed and names[0] in arrays:
             for i, name in enumerate(names[1:]):
                 if name not in arrays:
-                    derivatives = self._derivatives(names[i], arrays[names[i]])
-                    for key, derivative in zip(names[i + 1 :], derivatives, strict=False):
+                    derivatives, noises = self._derivatives(names[i], arrays[names[i]])
+                    for key, derivative, noise in zip(names[i + 1 :], derivatives, noises, strict=False):
                         if key not in arrays:
                             arrays[key] = derivative
                             self.derived.append(key)
+                            self.noise_shares[key] = noise / max(float(np.sqrt(np.mean(derivative**2))), 1e-300)
         return {name: array if name in self.layout.arrays else array[:, 0] for name, array in arrays.items()}
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
@@ -267,23 +272,27 @@ class Log(NamedSource):
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
-    def _derivatives(self, name: str, array: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return first and second derivatives of an array by finite differences; of a quaternion, omega and alpha."""
+    def _derivatives(
+        self, name: str, array: Float64Array
+    ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
+        """Return first and second derivatives of an array by finite differences (of a quaternion, omega and alpha),
+        and the standard deviations of their noise.
+        """
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
+            S = self.rotations(array)
             with self.naming(", ".join(COLUMNS_BY_LOG_ARRAY[name])):
-                omega, alpha = angular_velocity_from_samples(
-                    self.since, self.rotations(array), FINITE_DIFFERENCE_ORDER, with_alpha=True
-                )
-            return np.asarray(omega), np.asarray(alpha)
+                omega, alpha = angular_velocity_from_samples(self.since, S, FINITE_DIFFERENCE_ORDER, with_alpha=True)
+            noises = derivative_noise(self.since, S, FINITE_DIFFERENCE_ORDER)
+            return (np.asarray(omega), np.asarray(alpha)), noises
         columns = list(array.T)
         if name in self.layout.angles:
             named = zip(self.layout.columns_of(name), columns, strict=True)
             columns = [self._unwrap_angles(*own) for own in named]
         derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ORDER) for column in columns]
-        return np.stack([first for first, _ in derivatives], axis=-1), np.stack(
-            [second for _, second in derivatives], axis=-1
-        )
+        noises = derivative_noise(self.since, np.stack(columns, axis=-1), FINITE_DIFFERENCE_ORDER)
+        first, second = (np.stack(own, axis=-1) for own in zip(*derivatives, strict=True))
+        return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
         """Return angles [rad] without jumps by whole turns, or unchanged, as `unwrap` says; note jumps."""
@@ -304,6 +313,17 @@ class Log(NamedSource):
                     "stands; unwrap = true takes changes of more than half a turn for jumps by 2 pi"
                 )
         return np.unwrap(angles) if unwrap else angles
+
+    def smoothing_hint(self) -> str:
+        """Return a sentence that recommends to smooth a log whose derivatives are noisy; an empty text otherwise."""
+        noisy = {name: share for name, share in self.noise_shares.items() if share > _MAX_NOISE_SHARE}
+        if not noisy:
+            return ""
+        shares = ", ".join(f"{100 * share:.2g} % of {name}" for name, share in noisy.items())
+        return (
+            f"the log is noisy: by local fits, its noise makes {shares} (rms) by finite differences; "
+            "smooth = true in place of differentiate = true smooths positions, attitudes and psi and finds all rates"
+        )
 
     def unknown_error_note(self) -> str:
         """Return a sentence that the error of finite differences is unknown; an empty text if none were taken."""
@@ -338,6 +358,8 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
+    if hint := log.smoothing_hint():
+        log.notes.append(hint)
     doubt, notes, derived = log.unknown_error_note(), tuple(log.notes), tuple(log.derived)
     return Motion(log.t, source, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
 
