@@ -26,43 +26,43 @@ COMPONENT_COLOURS: Final = (
     "#d55e00",
     "#009e73",
 )  # of x, y, z: Okabe and Ito's blue, vermilion, green
-PATHS_CURVE: Final = "paths"
+PATHS_CURVE_NAME: Final = "paths"
 """Name of the curve that holds the paths in space."""
-_MAX_CURVE_INTERVALS: Final = 2000
+_MAX_TIME_CURVE_INTERVALS: Final = 2000
 """Largest number of intervals of a curve over time: more than a panel has columns of pixels, also in print."""
-_MAX_PATH_INTERVALS: Final = 20_000
+_MAX_SPACE_PATH_INTERVALS: Final = 20_000
 """Largest number of intervals of a path in space, where the shape within an interval is visible."""
 
 
 class Curve(NamedTuple):
-    """Samples that a curve goes through; t has shape (N,), values (N,) or (N, components)."""
+    """Samples that a curve over time goes through; t has shape (N,), values (N,) or (N, components)."""
 
     t: Array
     values: Array
 
 
 class CurveCollector:
-    """Collector of curves from the consecutive pieces of a motion; attitudes become Euler angles XYZ [rad]."""
+    """Collects a figure's curves from consecutive pieces of a motion; attitudes become Euler angles XYZ [rad]."""
 
     def __init__(self) -> None:
         self._pieces: dict[str, list[tuple[Array, Array]]] = {}  # t and values of each curve
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
-    def add_piece(self, t: Array, samples: int, arrays: Mapping[str, Array]) -> None:
-        """Add a piece of the motion.
+    def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
+        """Append one piece of the motion to the curves of its arrays, reduced to the samples that are visible.
 
         Args:
             t: instants of the piece [s]; shape (N,).
-            samples: number of instants of all pieces together.
-            arrays: quantities by name; shape (N, ...).
+            num_instants: number of instants of all pieces together.
+            arrays_by_name: quantities by name; shape (N, ...).
         """
-        for name, array in arrays.items():
+        for name, array in arrays_by_name.items():
             values = array
             if array.ndim == 3:
                 values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            intervals = _MAX_PATH_INTERVALS if name == PATHS_CURVE else _MAX_CURVE_INTERVALS
-            rows = _envelope_rows(values.reshape(len(t), -1), -(-samples // intervals))
+            intervals = _MAX_SPACE_PATH_INTERVALS if name == PATHS_CURVE_NAME else _MAX_TIME_CURVE_INTERVALS
+            rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
     def curves(self) -> dict[str, Curve]:
@@ -72,7 +72,7 @@ class CurveCollector:
 
 
 def figure_class() -> type[Figure]:
-    """Import matplotlib, and return its class `Figure`.
+    """Import Matplotlib, and return its class `Figure`.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.
@@ -87,7 +87,7 @@ def figure_class() -> type[Figure]:
 
 
 def finish_figure(figure: Figure, title: str) -> Figure:
-    """Set the title of a figure, small tick labels, and a grid behind curves over time; return the figure."""
+    """Set a figure's title, small tick labels, and a grid behind curves over time; return the figure."""
     figure.suptitle(title)
     for axes in figure.axes:
         axes.tick_params(labelsize=8)
@@ -97,12 +97,12 @@ def finish_figure(figure: Figure, title: str) -> Figure:
     return figure
 
 
-def _continuous_euler_angles(S: Array, before: Array) -> Array:
-    """Compute Euler angles XYZ [rad] of attitudes without jumps between samples; NaN where one is not finite.
+def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
+    """Return Euler angles XYZ [rad] of attitudes without jumps between samples; NaN where one is not finite.
 
     Args:
         S: attitudes; shape (N, 3, 3).
-        before: angles of the sample before the first [rad]; shape (1, 3), or (0, 3) at the start.
+        previous_angles: angles of the sample before the first [rad]; shape (1, 3), or (0, 3) at the start.
 
     Returns:
         Angles [rad], shape (N, 3).
@@ -111,11 +111,13 @@ def _continuous_euler_angles(S: Array, before: Array) -> Array:
         angles = np.array(matrix_to_euler(S))
     finite = np.isfinite(angles).all(axis=1)
     if finite.any():
-        angles[finite] = unwrap_euler_angles(np.concatenate([before, angles[finite]]), proper=False)[len(before) :]
+        angles[finite] = unwrap_euler_angles(np.concatenate([previous_angles, angles[finite]]), proper=False)[
+            len(previous_angles) :
+        ]
     return angles
 
 
-def _envelope_rows(values: Array, size: int) -> Array:
+def _envelope_rows(values: Array, interval_size: int) -> Array:
     """Return the indices of samples through which a curve looks the same as through all samples.
 
     These are the first and the last row of each interval, those with the smallest and the largest value of each
@@ -123,51 +125,51 @@ def _envelope_rows(values: Array, size: int) -> Array:
 
     Args:
         values: samples of the curve's components; shape (N, components).
-        size: number of samples of an interval; up to two, all samples are kept.
+        interval_size: number of samples of an interval; up to two, all samples are kept.
 
     Returns:
         Indices, increasing; shape (M,).
     """
     count = len(values)
-    if size <= 2:
+    if interval_size <= 2:
         return np.arange(count)
-    start = np.arange(0, count, size)
-    padding = np.repeat(values[-1:], len(start) * size - count, axis=0)
-    parts = np.concatenate([values, padding]).reshape(len(start), size, -1)
+    start = np.arange(0, count, interval_size)
+    padding = np.repeat(values[-1:], len(start) * interval_size - count, axis=0)
+    parts = np.concatenate([values, padding]).reshape(len(start), interval_size, -1)
     lost = ~np.isfinite(parts)
     places = [
         np.where(lost, np.inf, parts).argmin(axis=1),
         np.where(lost, -np.inf, parts).argmax(axis=1),
         lost.argmax(axis=1),
-        size - 1 - lost[:, ::-1].argmax(axis=1),
+        interval_size - 1 - lost[:, ::-1].argmax(axis=1),
     ]
     extremes = (start[:, None] + np.concatenate(places, axis=1)).ravel()
-    return np.unique(np.minimum(np.concatenate([start, start + size - 1, extremes]), count - 1))
+    return np.unique(np.minimum(np.concatenate([start, start + interval_size - 1, extremes]), count - 1))
 
 
 def draw_side_by_side(
-    figure_type: type[Figure], curves: Mapping[str, Curve], labels: Callable[[str], tuple[str, str]]
+    figure_type: type[Figure], curves: Mapping[str, Curve], title_and_unit: Callable[[str], tuple[str, str]]
 ) -> Figure:
-    """Draw curves over time in a new figure, side by side.
+    """Draw curves over time side by side, a panel for each, in a new figure; return the figure.
 
     Args:
         figure_type: matplotlib's class of figures.
         curves: curves by name.
-        labels: function that returns the title and the unit of a curve by its name.
+        title_and_unit: function that returns the title and the unit of a curve by its name.
     """
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     figure = figure_type(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
     places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axes, (name, curve) in zip(places, curves.items(), strict=False):
-        draw_over_time(axes, *labels(name), curve)
+        draw_over_time(axes, *title_and_unit(name), curve)
     for axes in places[len(curves) :]:
         axes.remove()
     return figure
 
 
 def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
-    """Draw the components of a curve over time, with a title and a unit."""
+    """Draw the components of a curve over time into Matplotlib axes, with a title and a unit."""
     t, values = curve
     shade_gaps(axes, t, values)
     axes.set(title=title, ylabel=unit, xlabel="t [s]")
@@ -183,7 +185,7 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
 
 
 def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
-    """Shade the times at which a value is not finite."""
+    """Shade the times at which a value is not finite, in Matplotlib axes."""
     lost = ~np.isfinite(values.reshape(len(t), -1)).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
     for start, stop in edges.reshape(-1, 2):
@@ -191,24 +193,24 @@ def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
 
 
 def draw_paths(
-    figure: Figure, place: Any, points: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
+    figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
-    """Draw the paths of points in space at equal scales of the axes; in the plane if z is constant.
+    """Draw paths in space into a cell of a figure's grid, at equal scales; in the plane if z is constant.
 
     Args:
         figure: the figure.
-        place: cell of the figure's grid.
-        points: the paths by name, in world axes [m]; shape (N, 3) each.
+        grid_cell: cell of the figure's grid.
+        paths_by_name: the paths by name, in world axes [m]; shape (N, 3) each.
         colours: colours of the paths, in order.
         zoom: size of the drawing; 1 leaves space for the labels in a wide panel.
     """
-    finite = [np.where(np.isfinite(path), path, np.nan) for path in points.values()]
+    finite = [np.where(np.isfinite(path), path, np.nan) for path in paths_by_name.values()]
     far = np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
     paths = [path * (1e-3 if far else 1.0) for path in finite]
     ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
     letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
-    axes: Any = figure.add_subplot(place, projection="3d" if letters == "xyz" else None)
-    for name, colour, path in zip(points, colours, paths, strict=True):
+    axes: Any = figure.add_subplot(grid_cell, projection="3d" if letters == "xyz" else None)
+    for name, colour, path in zip(paths_by_name, colours, paths, strict=True):
         shown = path.T[: len(letters)]
         axes.plot(*shown, color=colour, lw=1.2, label=name)
         axes.plot(*shown[:, :1], "o", color=colour, ms=3)

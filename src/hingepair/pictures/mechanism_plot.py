@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.pictures.curves import (
     COMPONENT_COLOURS,
-    PATHS_CURVE,
+    PATHS_CURVE_NAME,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
 
     from hingepair.mechanism.tree import Joint
 
-_PLOTTED_QUANTITIES: Final = ("q", "qd", "tau")  # the columns of panels, by the level of the motion
+_PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")  # the columns of panels, by the level of the motion
 # Titles of the columns of panels.
-_QUANTITY_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_TITLE_BY_QUANTITY: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of the paths of frames, which repeat.
 _PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
-_MAX_LIMIT_DISTANCE: Final = 0.6
+_MAX_LIMIT_DISTANCE_RATIO: Final = 0.6
 """Largest distance of a limit from a curve at which it is drawn, over the curve's span; farther ones are written."""
-_PANEL_INCHES: Final = (3.5, 1.5)  # width and height of a panel
-_PATHS_INCHES: Final = 5.0  # width of the panel of paths
+_PANEL_SIZE_INCHES: Final = (3.5, 1.5)  # width and height of a panel
+_PATHS_PANEL_WIDTH_INCHES: Final = 5.0  # width of the panel of paths
 _MAX_PANEL_ROWS: Final = 12
 """Largest number of rows of panels, plus one where there are hinges and sliders; further joints share panels."""
-_PATHS_PANEL_ROWS: Final = 6
+_MAX_PATHS_PANEL_ROWS: Final = 6
 """Number of rows of panels, from the first on, that the panel of paths spans at most."""
-_LIMIT_TEXT_HEADROOM: Final = 0.3
+_LIMIT_TEXT_HEADROOM_RATIO: Final = 0.3
 """Space above a curve for a limit that is written, over the curve's span."""
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
-    """Draw the motion of a mechanism in a new figure, as `plot` describes.
+    """Draw the motion of a mechanism, joint by joint, or the given outputs, in a new figure; return the figure.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
@@ -62,28 +62,30 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
         )
         return finish_figure(figure, scene.title)
-    quantities = _PLOTTED_QUANTITIES[: scene.joint_motion.level + 1]
+    quantities = _PLOTTED_QUANTITY_NAMES[: scene.joint_motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         columns = {
-            f"{name}_{joint}": values for name in quantities for joint, values in _by_joint(part, name).items()
+            f"{name}_{joint}": values
+            for name in quantities
+            for joint, values in _columns_by_joint(part, name).items()
         }
         positions = [part[frame].R for frame in scene.frames]
-        paths = {PATHS_CURVE: np.concatenate(positions, axis=1)} if positions else {}
+        paths = {PATHS_CURVE_NAME: np.concatenate(positions, axis=1)} if positions else {}
         collector.add_piece(part.t, scene.samples, columns | paths)
     figure_type = figure_class()
     return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
 
 
-def _by_joint(part: MechanismSceneResult, name: str) -> dict[str, Array]:
-    """Return a quantity of each joint that moves, by the joint's name; shape (N,) each."""
-    array = getattr(part, name)
-    moving = part.scene.joint_motion.moving
-    return {joint: array[:, i] for i, joint in enumerate(part.scene.mechanism.names) if joint in moving}
+def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, Array]:
+    """Return q, qd or tau of each joint that moves, by the joint's name; shape (N,) each."""
+    array = getattr(piece, quantity)
+    moving = piece.scene.joint_motion.moving
+    return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
 
 
 def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
-    """Return the title and the unit of an output."""
+    """Return the title of a panel and the unit of an output."""
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"
     return name, scene.unit(name)
@@ -92,14 +94,14 @@ def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, st
 def _draw_joint_panels(
     figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
-    """Draw a row of panels for each joint that moves or group of joints, and a panel of the frames' paths."""
+    """Draw a row of panels for each joint or group, and one of the frames' paths, in a new figure; return it."""
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
     groups = _panel_groups(scene, joints)
     rows, columns = max(1, len(groups)), len(quantities)
-    width, height = _PANEL_INCHES
-    size = width * columns + _PATHS_INCHES, max(_PATHS_INCHES, height * rows + 0.9)
+    width, height = _PANEL_SIZE_INCHES
+    size = width * columns + _PATHS_PANEL_WIDTH_INCHES, max(_PATHS_PANEL_WIDTH_INCHES, height * rows + 0.9)
     figure = figure_type(figsize=size, layout="constrained")
-    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_INCHES))
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_PANEL_WIDTH_INCHES))
     first: Any = None
     for row, group in enumerate(groups):
         for column, quantity in enumerate(quantities):
@@ -108,7 +110,7 @@ def _draw_joint_panels(
             name = group[0].name
             unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
             _draw_joints(axes, group, quantity, curves)
-            axes.set(title=_QUANTITY_TITLES[quantity] if row == 0 else "", ylabel=unit)
+            axes.set(title=_TITLE_BY_QUANTITY[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
@@ -117,12 +119,12 @@ def _draw_joint_panels(
                 axes.set_ylabel(label, fontsize=8)
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
-    if PATHS_CURVE in curves:
-        points = np.split(curves[PATHS_CURVE].values, len(scene.frames), axis=1)
+    if PATHS_CURVE_NAME in curves:
+        points = np.split(curves[PATHS_CURVE_NAME].values, len(scene.frames), axis=1)
         colours = [_PATH_COLOURS[i % len(_PATH_COLOURS)] for i in range(len(points))]
         draw_paths(
             figure,
-            grid[:_PATHS_PANEL_ROWS, columns],
+            grid[:_MAX_PATHS_PANEL_ROWS, columns],
             dict(zip(scene.frames, points, strict=True)),
             colours,
             zoom=0.75,
@@ -131,7 +133,7 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Group joints that share a row of panels, in order; hinges and sliders, whose units differ, share none."""
+    """Group moving joints that share a row of panels; return lists of only hinges or only sliders."""
     size = -(-len(joints) // _MAX_PANEL_ROWS)
     if size <= 1:
         return [[joint] for joint in joints]
@@ -141,7 +143,7 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
 
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
-    """Draw a quantity of one or more joints over time, with their limits; far limits of one joint are written."""
+    """Draw q, qd or tau of joints over time into Matplotlib axes, with limits; a lone joint's far limits as text."""
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
@@ -154,32 +156,34 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
 
 
 def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the lower and the upper limit of a joint's position, rate or effort; infinite where there is none."""
+    """Return the lower and upper limit of a joint's q, qd or tau; infinite where there is none."""
     if quantity == "q":
         return joint.position_limits
     largest = joint.rate_limit if quantity == "qd" else joint.effort_limit
     return -largest, largest
 
 
-def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array, colour: str, written: bool) -> None:
-    """Draw the limits that are near a curve as lines; write the others as text if `written`."""
+def _draw_limits(
+    axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
+) -> None:
+    """Draw limits near the curve's values as lines into Matplotlib axes; the others as text, if asked."""
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
     if not known or not finite.size:
         return
     least, most = float(finite.min()), float(finite.max())
-    reach = _MAX_LIMIT_DISTANCE * max(most - least, 1e-3 * max(abs(least), abs(most)))
+    reach = _MAX_LIMIT_DISTANCE_RATIO * max(most - least, 1e-3 * max(abs(least), abs(most)))
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:
             axes.axhline(limit, color=colour, lw=1, ls="--", label="_limit")
         else:
             far.append(limit)
-    if far and written:
+    if far and writes_far_limits:
         both = len(far) == 2 and far[0] == -far[1]
         text = f"±{far[1]:.6g}" if both else ", ".join(f"{limit:.6g}" for limit in far)
         bottom, top = axes.get_ylim()
-        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM * (top - bottom))
+        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM_RATIO * (top - bottom))
         style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": colour}
         axes.text(0.98, 0.95, f"limit{'s' * (len(far) > 1)} {text}", transform=axes.transAxes, **style)
 

@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[Any]
 MAX_SPREAD_SAMPLES: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
-RATE_OUTPUTS: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
+BODY2_RATE_OUTPUTS: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
 
 MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
@@ -31,7 +31,7 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 
 
 class ShownMotion(NamedTuple):
-    """Samples of a pair's motion, or of a part of it.
+    """Samples of a pair's motion, or of a piece of it: poses of both bodies, psi, and further outputs.
 
     Attributes:
         pair: the pair that moves.
@@ -101,18 +101,18 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return the outputs to evaluate: the requested ones, or the rates of body 2 and psi."""
-    return (*RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
+    return (*BODY2_RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
-def _scene_samples(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples of a part of a scene's result."""
-    arrays, bodies = part.chosen(), part.known.body_arrays(scene.pair)
+def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
+    """Return the samples of a piece of a scene's result."""
+    arrays, bodies = piece.chosen(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
-    return ShownMotion(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, outputs_by_name)
+    return ShownMotion(scene.space, scene.title, scene.samples, piece.t, bodies, piece.known.psi, outputs_by_name)
 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples at some instants of a motion that is held in memory."""
+    """Return the samples at some instants (`rows`) of a motion in memory, with the named outputs."""
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
@@ -125,7 +125,7 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return the motion of a trajectory, or for a pair a motion that turns the hinge to its limits and back."""
+    """Return the motion of a trajectory; of a pair, one that turns the hinge to its limits and back in 6 s."""
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded
@@ -144,11 +144,11 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
     """Return the rates of body 2 among the arrays as vectors in space; shape (N, 3)."""
-    return {name: _spatial_vectors(arrays[name]) for name in RATE_OUTPUTS if name in arrays}
+    return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUTS if name in arrays}
 
 
 def _spatial_vectors(vectors: Array) -> Array:
-    """Convert vectors in the plane, and numbers along z, to vectors in space; shape (N, 3)."""
+    """Return vectors in the plane, or numbers along z, as vectors in space; shape (N, 3)."""
     flat = vectors.reshape(len(vectors), -1)
     if flat.shape[1] == 3:
         return flat

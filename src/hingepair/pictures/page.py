@@ -33,8 +33,10 @@ from hingepair.pictures.page_model import PageModel, model_json, pair_model, pla
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
-_DEFAULT_RATE: Final = 30  # [1/s] number of samples per second of a motion that is given without instants
-_READING_OUTPUTS: Final[tuple[str, ...]] = ("v2", "omega2")  # whose numbers the page shows beside psi
+_DEFAULT_SAMPLES_PER_SECOND: Final = (
+    30  # [1/s] number of samples per second of a motion that is given without instants
+)
+_DISPLAYED_OUTPUT_NAMES: Final[tuple[str, ...]] = ("v2", "omega2")  # whose numbers the page shows beside psi
 
 
 def view(
@@ -44,7 +46,7 @@ def view(
     t: ArrayLike | None = None,
     base_motion: BodyMotion | None = None,
 ) -> Page:
-    """Make a page on which a pair or a robot moves, with a slider for each joint.
+    """Return an HTML page on which a pair or a robot moves, with a slider for each joint; write it to a given path.
 
     Bodies are drawn by the boxes, cylinders and spheres of a URDF or of a pair. Any other body has simple shapes:
     rods from joint to joint, a drum at a hinge, a prism at a slider. A motion has a slider of time, and the paths of
@@ -89,7 +91,7 @@ def view(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
-    """One HTML file that holds everything that it needs.
+    """A page that shows a pair or a robot, as the text of one HTML file that needs no other file and no network.
 
     Attributes:
         title: title of the motion.
@@ -114,7 +116,7 @@ class Page:
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the page to a file.
+        """Write the page to a .html file, which must be none of `inputs`; return its path.
 
         Args:
             path: file to write; ends in .html.
@@ -142,7 +144,7 @@ def _shown_count(count: int, samples: int) -> str:
 
 
 class _PageMotion(NamedTuple):
-    """The motion on a page; a page without a motion has no instants.
+    """The motion on a page: base poses and coordinates at instants; without a motion there are no instants.
 
     Attributes:
         t: instants [s]; shape (N,).
@@ -162,16 +164,16 @@ class _PageMotion(NamedTuple):
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
-    """Return the model and the motion of a page for a pair."""
+    """Return the page model and the motion of a pair, a scene of a pair, or a trajectory."""
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
-    shown = {"psi": psi} | {name: readings[name] for name in _READING_OUTPUTS if name in readings}
+    shown = {"psi": psi} | {name: readings[name] for name in _DISPLAYED_OUTPUT_NAMES if name in readings}
     motion = _PageMotion(samples.t, samples.samples, samples.bodies["R1"], samples.bodies["S1"], psi, shown)
     return pair_model(samples.pair, samples.title), motion
 
 
 def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
-    """Return the model and the motion of a page for the scene of a mechanism."""
+    """Return the page model and the motion of the scene of a mechanism."""
     robot, rows = scene.mechanism, scene.spread(MAX_SPREAD_SAMPLES)
     known = scene.known(rows, 0)
     t, q = np.asarray(scene.instants[rows]), known.array(0)
@@ -183,13 +185,17 @@ def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
 def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
 ) -> _PageMotion:
-    """Check the arguments q, t and base_motion, and return at most MAX_SPREAD_SAMPLES samples."""
+    """Check the arguments q, t and base_motion of `view`; return them as at most MAX_SPREAD_SAMPLES samples."""
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
-    instants = np.arange(len(positions)) / _DEFAULT_RATE if t is None else real_array("t", t).astype(np.float64)
+    instants = (
+        np.arange(len(positions)) / _DEFAULT_SAMPLES_PER_SECOND
+        if t is None
+        else real_array("t", t).astype(np.float64)
+    )
     if instants.shape != positions.shape[:1]:
         raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
     if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
@@ -227,11 +233,11 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
     content = model_json(model, motion.q) | {
         "shown": _shown_count(len(motion.t), motion.samples),
         "t": motion.t.tolist(),
-        "q": _json_numbers(motion.q),
+        "q": _finite_numbers_json(motion.q),
         "placements": placements(motion.R[places] - origin, motion.S[places]),
         "origin": origin.tolist(),
         "readings": [
-            {"name": name, "unit": unit_of(name), "values": _json_numbers(values)}
+            {"name": name, "unit": unit_of(name), "values": _finite_numbers_json(values)}
             for name, values in motion.readings.items()
         ],
     }
@@ -244,7 +250,7 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
 
 
 def _viewer_script() -> str:
-    """Read MeshCat's JavaScript from the installed package, without the import, which would load a server.
+    """Return MeshCat's JavaScript, read from the installed package without its import, which would load a server.
 
     Raises:
         MissingDependencyError: the package meshcat is not installed.
@@ -258,8 +264,8 @@ def _viewer_script() -> str:
     raise MissingDependencyError("view", "the package meshcat: pip install 'hingepair[view]'", "none")
 
 
-def _json_numbers(array: Array) -> list[Any]:
-    """Return numbers as nested lists for JSON, with None for numbers that are not finite."""
+def _finite_numbers_json(array: Array) -> list[Any]:
+    """Return an array as nested lists for JSON, with None for numbers that are not finite."""
     values = array.astype(object)
     values[~np.isfinite(array)] = None
     return list(values.tolist())

@@ -27,10 +27,10 @@ from hingepair.pictures.simple_bodies import (
 from hingepair.urdf.rigid import FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
-_BASE_COLOUR: Final = "#8b919b"  # of a robot's base
-_JOINT_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
+_ROBOT_BASE_COLOUR: Final = "#8b919b"  # of a robot's base
+_JOINT_SHAPE_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
 # Colours of the bodies of a robot's chains of joints, which repeat.
-_CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
+_JOINT_CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
 
 
 class DrawnBody(NamedTuple):
@@ -121,10 +121,10 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
     """
     tree, size = robot.tree, robot_size(robot.tree)
     chains = _joint_chains(tree)
-    colours = [_BASE_COLOUR] * (len(tree.joints) + 1)
+    colours = [_ROBOT_BASE_COLOUR] * (len(tree.joints) + 1)
     for place, (_, joints) in enumerate(chains):
         for along, number in enumerate(joints):
-            colours[number] = _lighten(_CHAIN_COLOURS[place % len(_CHAIN_COLOURS)], 0.4 * (along % 2))
+            colours[number] = _lighten(_JOINT_CHAIN_COLOURS[place % len(_JOINT_CHAIN_COLOURS)], 0.4 * (along % 2))
     names = ["base", *(joint.name for joint in tree.joints)]
     bodies = [
         DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.complete else simple))
@@ -150,7 +150,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
 
 
 def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return a page model as values for JSON.
+    """Return a page model as a dictionary for JSON; its sliders reach all of the given positions.
 
     Args:
         model: the page model.
@@ -197,21 +197,21 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
 
 
 def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[float] | None]:
-    """Return the 4 x 4 matrices of poses as lists of 16 numbers, row by row; None where one is not finite."""
+    """Return 4 x 4 pose matrices as lists of 16 numbers, row by row, for JSON; None where one is not finite."""
     matrices = np.zeros((len(R), 4, 4))
     matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = S, R, 1.0
     return [m if np.isfinite(m).all() else None for m in matrices.reshape(-1, 16).tolist()]
 
 
-def _coordinate_json(joint: Joint, chain: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return the slider of a coordinate as values for JSON: limits, range, and position in the neutral pose.
+def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
+    """Return the slider of a joint's coordinate as a dictionary for JSON: limits, range, and neutral position.
 
     The range of the slider includes all positions of a motion.
     """
     (lower, upper), (first, last) = drawn_limits(joint), drawn_range(joint, size)
     known = positions[np.isfinite(positions)]
     return {
-        **{"name": joint.name, "kind": joint.kind, "chain": chain},
+        **{"name": joint.name, "kind": joint.kind, "chain": chain_index},
         "limits": [limit if math.isfinite(limit) else None for limit in (lower, upper)],
         "first": min(first, float(known.min(initial=first))),
         "last": max(last, float(known.max(initial=last))),
@@ -219,16 +219,17 @@ def _coordinate_json(joint: Joint, chain: int, size: float, positions: np.ndarra
     }
 
 
-def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple: SimpleBody | None) -> list[tuple[str, Shape]]:
-    """Return pairs (colour, shape) of a body: its own shapes, and those of a simple body if one is given."""
+def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBody | None) -> list[tuple[str, Shape]]:
+    """Return pairs (colour, shape) of a body: its own shapes, then those of a simple body unless it is None."""
     drawn = [(colour, shape) for shape in shapes]
-    if simple is not None:
-        drawn += [*((colour, shape) for shape in simple.links), *((_JOINT_COLOUR, shape) for shape in simple.joints)]
+    if simple_body is not None:
+        drawn += [(colour, shape) for shape in simple_body.links]
+        drawn += [(_JOINT_SHAPE_COLOUR, shape) for shape in simple_body.joints]
     return drawn
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return the unbranched chains of joints: for each its name and the numbers of its joints."""
+    """Return the unbranched chains of joints as pairs: the chain's name, and the numbers of its joints."""
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1
@@ -252,7 +253,7 @@ def _chain_name(names: Sequence[str]) -> str:
 
 
 def _last_link(tree: Tree) -> str:
-    """Return the first of the last links behind the largest number of joints."""
+    """Return the name of the tip link behind the largest number of joints, the first one of several."""
     depths = [0]
     for joint in tree.joints:
         depths.append(depths[joint.parent] + 1)
@@ -266,7 +267,7 @@ def _lighten(colour: str, share: float) -> str:
 
 
 def _shape_json(shape: Shape) -> dict[str, Any]:
-    """Return a shape as values for JSON; the axis of a cylinder in three.js is the y axis."""
+    """Return a shape as a dictionary for JSON; the axis of a cylinder in three.js is the y axis."""
     turn = np.eye(3)
     values: dict[str, Any] = {"kind": type(shape).__name__.lower()}
     if isinstance(shape, Box):

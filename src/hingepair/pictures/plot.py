@@ -11,7 +11,7 @@ from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
     COMPONENT_COLOURS,
-    PATHS_CURVE,
+    PATHS_CURVE_NAME,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of the paths of the bodies' reference points and of the hinge point.
-_POINT_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
+_COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 # Outputs in the rows of panels, by column.
 _OUTPUTS_BY_PANEL_ROW: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
-_ATTITUDE_OUTPUTS: Final = ("S1", "S2")  # drawn as Euler angles
+_ATTITUDE_OUTPUT_NAMES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
-_OUTPUT_TITLES: Final = {
+_TITLE_BY_OUTPUT: Final = {
     "R2": "position of body 2, R2",
     "v2": "velocity, v2",
     "a2": "acceleration, a2",
@@ -51,7 +51,7 @@ def plot(
     source: MotionSource | MechanismScene | MechanismSceneResult | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
 ) -> Figure:
-    """Draw a motion: position, attitude and their rates over time, psi, paths in space, and the residual of E1.
+    """Return a figure of a motion: position, attitude, their rates and psi over time, paths, and the residual of E1.
 
     For a scene of a mechanism, the figure shows position, rate and torque of each joint that moves, with its limits
     (limits far from the curve are written), and the paths of the scene's frames. Every sample counts: for more than
@@ -81,7 +81,7 @@ def plot(
         return plot_smoothed(source, outputs)
     if isinstance(source, MechanismScene | MechanismSceneResult):
         return plot_mechanism(source, outputs)
-    title, curves = _curves(source, outputs)
+    title, curves = _collect_curves(source, outputs)
     figure_type = figure_class()
     return finish_figure(
         _draw_motion(figure_type, curves)
@@ -91,8 +91,8 @@ def plot(
     )
 
 
-def _curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
-    """Return the title of a figure and its curves by name."""
+def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
+    """Collect the curves of a motion's quantities; return the title of the figure and the curves by name."""
     title, collector = "", CurveCollector()
     for samples in sample_pieces(source, outputs):
         title = samples.title
@@ -112,17 +112,17 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
         residual = np.abs(samples.hinge - R2 - S2 @ pair.u2).max(axis=1)
         paths = np.concatenate([R1, R2, samples.hinge], axis=1)
     rounding = np.finfo(float).eps / 2 * scale
-    quantities = {"R2": R2, "S2": S2, **samples.outputs_by_name, "psi": samples.psi, PATHS_CURVE: paths}
+    quantities = {"R2": R2, "S2": S2, **samples.outputs_by_name, "psi": samples.psi, PATHS_CURVE_NAME: paths}
     return {**quantities, "residual": np.stack([residual, rounding], axis=1)}
 
 
 def _title_and_unit(name: str) -> tuple[str, str]:
-    """Return the title and the unit of an output."""
-    return _OUTPUT_TITLES.get(name, name), "rad" if name in _ATTITUDE_OUTPUTS else unit_of(name)
+    """Return the title of a panel and the unit of an output."""
+    return _TITLE_BY_OUTPUT.get(name, name), "rad" if name in _ATTITUDE_OUTPUT_NAMES else unit_of(name)
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
-    """Draw body 2 and its rates over time, the paths, psi and the residual of E1 in a new figure."""
+    """Draw the curves of a pair's motion, its paths and the residual of E1 in a new figure; return the figure."""
     columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUTS_BY_PANEL_ROW))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
@@ -132,9 +132,12 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
             draw_over_time(axes, *_title_and_unit(name), curves[name])
-    points = np.split(curves[PATHS_CURVE].values, 3, axis=1)
+    points = np.split(curves[PATHS_CURVE_NAME].values, 3, axis=1)
     draw_paths(
-        figure, grid[2, :columns], dict(zip(_POINT_COLOURS, points, strict=True)), tuple(_POINT_COLOURS.values())
+        figure,
+        grid[2, :columns],
+        dict(zip(_COLOUR_BY_POINT_NAME, points, strict=True)),
+        tuple(_COLOUR_BY_POINT_NAME.values()),
     )
     lower = grid[2, columns:].subgridspec(2, 1)
     draw_over_time(figure.add_subplot(lower[0], sharex=first), *_title_and_unit("psi"), curves["psi"])
@@ -143,7 +146,7 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
 
 
 def _draw_residual(axes: Axes, curve: Curve) -> None:
-    """Draw the residual of E1 [m], and the bound on the rounding of its terms."""
+    """Draw the residual of E1 [m] into Matplotlib axes, and the bound on the rounding of its terms."""
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"
     axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)

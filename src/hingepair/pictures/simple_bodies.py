@@ -13,17 +13,15 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 _ROD_DENSITY: Final = 2000.0  # [kg/m^3] that relates the mass of a rod to its radius: metal, motors and air
-_ROD_RADIUS_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
-_JOINT_LENGTH_RATIO: Final = 0.25  # length of the parts of a body besides its rods, over the robot's size
-_MAX_RADIUS_RATIO: Final = 0.3  # largest radius of a short rod over its length
-_DEFAULT_RADIUS_RATIO: Final = 0.02  # radius of a rod without mass over the robot's size
-_DRAWABLE_SIZE_RANGE: Final = (1e-6, 1e6)  # [m] smallest and largest size of a robot that is drawn to scale
-_MAX_POSITION_LIMIT: Final = 1e4  # [rad or m] a larger limit in a file stands for no limit
+_ROD_RADIUS_RATIO_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
+_MAX_ROD_RADIUS_TO_LENGTH: Final = 0.3  # largest radius of a short rod over its length
+_DRAWABLE_ROBOT_SIZE_RANGE: Final = (1e-6, 1e6)  # [m] smallest and largest size of a robot that is drawn to scale
+_MAX_DRAWN_POSITION_LIMIT: Final = 1e4  # [rad or m] a larger limit in a file stands for no limit
 _MIN_ROD_LENGTH_RATIO: Final = 1e-3  # length of a rod over the robot's size below which it is left out
 
 
 class SimpleBody(NamedTuple):
-    """Simple shapes of a body, in the body's axes.
+    """Simple shapes that are drawn for a body without a drawing, in the body's axes.
 
     Attributes:
         links: rods and the blocks of sliders.
@@ -43,17 +41,20 @@ def robot_size(tree: Tree) -> float:
     ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
     centres = [2 * math.hypot(*body.center_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
     size = max(*lengths, *ends) or max(centres)
-    return size if _DRAWABLE_SIZE_RANGE[0] <= size <= _DRAWABLE_SIZE_RANGE[1] else 1.0
+    return size if _DRAWABLE_ROBOT_SIZE_RANGE[0] <= size <= _DRAWABLE_ROBOT_SIZE_RANGE[1] else 1.0
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
     """Return the lower and upper position limit of a joint [rad or m]; infinite where it is missing or huge."""
     lower, upper = joint.position_limits
-    return lower if lower > -_MAX_POSITION_LIMIT else -math.inf, upper if upper < _MAX_POSITION_LIMIT else math.inf
+    return (
+        lower if lower > -_MAX_DRAWN_POSITION_LIMIT else -math.inf,
+        upper if upper < _MAX_DRAWN_POSITION_LIMIT else math.inf,
+    )
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the range of a joint's slider on a page [rad or m]: the range between its limits.
+    """Return the range of a joint's slider on a page [rad or m]: its limits, or a default where one is missing.
 
     Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
     around 0. With one limit, the range has the same width.
@@ -66,7 +67,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return simple shapes for each body of a robot, the base first.
+    """Return simple shapes (rods, drums, prisms) for each body of a robot of a given size [m], the base first.
 
     Args:
         tree: the robot.
@@ -110,39 +111,40 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
 
 
 def axes_along(axis: Any) -> Float64Array:
-    """Return a rotation whose third column is a unit axis."""
+    """Return a rotation matrix whose third column is a unit axis."""
     direction: Float64Array = np.asarray(axis, dtype=np.float64)
     across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(direction, across), direction], axis=1)
 
 
-def _rod_ends(tree: Tree, number: int, size: float) -> list[Float64Array]:
-    """Return the ends of a last body's rods: its last links, or twice the vector to its centre of mass [m]."""
-    tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == number]
+def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
+    """Return the ends of a last body's rods [m]: its last links, or twice the vector to its centre of mass."""
+    tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
     far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_RATIO * size]
     if far:
         return far
-    masses = tree.joints[number - 1].body if number else tree.base
+    masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.center_of_mass
     return [beyond] if _MIN_ROD_LENGTH_RATIO * size < math.hypot(*beyond) < size / 2 else []
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
-    """Compute the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
+    """Return the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
     least = (
-        min(_ROD_RADIUS_RANGE[0] * size, _MAX_RADIUS_RATIO * length)
+        min(_ROD_RADIUS_RATIO_RANGE[0] * size, _MAX_ROD_RADIUS_TO_LENGTH * length)
         if length > _MIN_ROD_LENGTH_RATIO * size
-        else _ROD_RADIUS_RANGE[0] * size
+        else _ROD_RADIUS_RATIO_RANGE[0] * size
     )
     if not mass > 0:
-        return max(least, min(_DEFAULT_RADIUS_RATIO * size, _MAX_RADIUS_RATIO * length))
-    radius = math.sqrt(mass / (math.pi * _ROD_DENSITY * (length + _JOINT_LENGTH_RATIO * size)))
-    return min(max(radius, least), _ROD_RADIUS_RANGE[1] * size)
+        return max(least, min(0.02 * size, _MAX_ROD_RADIUS_TO_LENGTH * length))
+    joint_length = 0.25 * size  # of the parts of a body besides its rods
+    radius = math.sqrt(mass / (math.pi * _ROD_DENSITY * (length + joint_length)))
+    return min(max(radius, least), _ROD_RADIUS_RATIO_RANGE[1] * size)
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a rod with a rounded end, from the reference point to a point; nothing if it is too short."""
+    """Return a cylinder from the reference point to `end`, and a sphere there; nothing if it is too short."""
     length = math.hypot(*end)
     if length <= _MIN_ROD_LENGTH_RATIO * size:
         return ()

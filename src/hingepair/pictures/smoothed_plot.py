@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAND_DEVIATIONS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
+_BAND_HALF_WIDTH_STDS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
 _SMOOTHED_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
 _SMOOTHED_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
-    """Draw a smoothed motion or angle over time, with a band of two standard deviations, in a new figure.
+    """Draw a smoothed motion or angle over time, with bands of two standard deviations; return the figure.
 
     Args:
         source: the result of `smooth`.
@@ -57,8 +57,8 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
 
 
 def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Float64Array, std: Float64Array) -> None:
-    """Draw the bands of a curve's components; `std` has shape (N, k) and belongs to the instants, shape (N,)."""
+    """Draw bands around a curve's components into Matplotlib axes; `std` is given at `instants`, shape (N, k)."""
     colours = COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
-        half = _BAND_DEVIATIONS * np.interp(t, instants, deviations)
+        half = _BAND_HALF_WIDTH_STDS * np.interp(t, instants, deviations)
         axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)
