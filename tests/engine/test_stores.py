@@ -160,7 +160,7 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_VECTORS", most)
+    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_COMPONENT_VECTORS", most)
     count = MAX_REGISTER_COMPONENTS + 1
 
     def function(v):

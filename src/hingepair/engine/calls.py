@@ -131,7 +131,7 @@ class Call:
         return self.program.kernel(self._kernel_key)
 
     def _use_kernel(self, kernel: Kernel) -> None:
-        """Make machine code the fast path, where the interpreter and the shapes allow that."""
+        """Make the machine code of a kernel the fast path, where the interpreter and the shapes allow that."""
         if not self._fast_path_supported:
             return
         from hingepair.engine.native import array_call
@@ -261,7 +261,7 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for arguments that are checked already: one state or many.
+        """Return the results for checked arguments of one state or many, written into `out` where it is given.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -496,7 +496,7 @@ def output_buffers(
 
 
 def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
-    """Raise an error unless a value of `out` is a writable array of this shape and dtype."""
+    """Raise an error unless a value of `out`, for an output, is a writable array of this shape and dtype."""
     name = f"out[{output!r}]"
     if not isinstance(array, np.ndarray):
         raise ArgumentError(name, "a NumPy array to write into", quoted(array))

@@ -21,7 +21,7 @@ from hingepair.engine.trace import Operand, TracedValue, needed_values
 MAX_REGISTER_COMPONENTS: Final = 16
 """Largest number of components of an output that is assembled in registers, and of an input loaded into them."""
 
-MAX_UNIFORM_VECTORS: Final = 256
+MAX_UNIFORM_COMPONENT_VECTORS: Final = 256
 """Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
 
 More of them are stored as single numbers, so that they leave space in the first-level cache. Processors with few
@@ -248,7 +248,10 @@ class Arithmetic:
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame to each value that more than one function reads; slots are reused."""
+        """Assign a slot of the frame to each value that more than one function reads, and set the frame's attributes.
+
+        A slot is used again when its value is not needed any more.
+        """
         self.slots: dict[int, int] = {}
         self.input_slots: list[tuple[list[int], int]] = []
         self.input_scalars: list[tuple[list[int], int]] = []
@@ -260,7 +263,7 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = len(used) > MAX_UNIFORM_VECTORS and not group.varies and self.carry is None
+            many = len(used) > MAX_UNIFORM_COMPONENT_VECTORS and not group.varies and self.carry is None
             shared = used if many else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
@@ -499,10 +502,7 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a long list of values into parts of about equal length; return each part with an empty list.
-
-    The empty lists stand for the angles of a step.
-    """
+    """Split a long list of values into parts of about equal length; return pairs (part, empty list of angles)."""
     count = -(-len(lines) // _OPERATIONS_PER_STEP) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

@@ -136,10 +136,10 @@ class FunctionBuilder:
         place = self.pointer_at(table, 4 * int(k) if k.isdigit() else self.multiply(k, 4))
         return self.put(f"zext i32 {self.put(f'load i32, ptr {place}, align 4')} to i64")
 
-    def splat(self, vector_type: str, one: str) -> str:
+    def splat(self, vector_type: str, typed_number: str) -> str:
         """Append the copy of a number, given with its type, to all lanes of a vector, and return its name."""
         return self.shuffle(
-            vector_type, self.put(f"insertelement {vector_type} poison, {one}, i32 0"), "poison", [0] * LANES
+            vector_type, self.put(f"insertelement {vector_type} poison, {typed_number}, i32 0"), "poison", [0] * LANES
         )
 
     def shuffle(self, vector_type: str, x: str, y: str, picked_elements: Sequence[int]) -> str:

@@ -60,7 +60,7 @@ def kernel_ir(
 
 
 class _KernelBuilder:
-    """Builder of a kernel: loops around the steps of its arithmetic."""
+    """Builder of a kernel's LLVM module: loops around the steps of its arithmetic."""
 
     def __init__(self, arithmetic: Arithmetic) -> None:
         self.arithmetic = arithmetic
@@ -71,7 +71,7 @@ class _KernelBuilder:
         self.f = FunctionBuilder("void @kernel(ptr noalias %table, i64 %outer, i64 %inner)")
 
     def module(self) -> str:
-        """Return the LLVM module: tables, declarations, the steps, and the kernel."""
+        """Return the LLVM module as text: tables, declarations, the steps, and the kernel."""
         number = self.arithmetic.number
         steps = self.arithmetic.step_functions()
         self.write_kernel()
@@ -152,7 +152,7 @@ class _KernelBuilder:
     def write_block(
         self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], i: str, rest: str
     ) -> None:
-        """Append the computation of eight samples from the index i on, of which `rest` are left."""
+        """Append the computation of the eight inner samples from index i on, of which `rest` are left."""
         for writer in writers:
             writer.begin_samples(i, rest)
         for reader in readers:
@@ -162,7 +162,7 @@ class _KernelBuilder:
             writer.write_samples()
 
     def call_steps(self, steps: Sequence[KernelStep]) -> None:
-        """Append the calls of steps."""
+        """Append the calls of the functions of steps."""
         for step in steps:
             if step.angles:
                 slots, first = self.arithmetic.sine_slots(step)
@@ -173,7 +173,7 @@ class _KernelBuilder:
 
 
 class _InputReader:
-    """Builder of the loads of one input.
+    """Builder of the LLVM code that loads one input of a kernel.
 
     Args:
         kernel: builder of the kernel.
@@ -225,12 +225,12 @@ class _InputReader:
         ahead = f.multiply(self.stride, PREFETCH_DISTANCE_SAMPLES)
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
-    def begin_outer(self, o: str) -> None:
-        """Append the start of an outer sample; in a scan, of the first of eight chains."""
+    def begin_outer(self, outer_index: str) -> None:
+        """Append the start of the outer sample with an index; in a scan, of the first of eight chains."""
         f = self.f
-        self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(o, self.outer))
+        self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
         if self.in_registers:
-            self.store_lane_offsets(f.put(f"sub i64 %outer, {o}") if self.scan else str(LANES))
+            self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANES))
 
     def store_lane_offsets(self, rest: str) -> None:
         """Append the store of the byte offsets of the lanes' samples, of which `rest` are left."""
@@ -283,7 +283,7 @@ class _InputReader:
 
 
 class _OutputWriter:
-    """Builder of the stores of one output.
+    """Builder of the LLVM code that stores one output of a kernel.
 
     Args:
         kernel: builder of the kernel.
@@ -320,10 +320,10 @@ class _OutputWriter:
         buffer = f.put(f"alloca [{stage_bytes} x i8], align {CACHE_LINE_BYTES}")
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
-    def begin_outer(self, o: str) -> None:
-        """Append the start of an outer sample; in a scan, of the first of eight chains."""
+    def begin_outer(self, outer_index: str) -> None:
+        """Append the start of the outer sample with an index; in a scan, of the first of eight chains."""
         f = self.f
-        self.start = f.put(f"add i64 {self.address}, {f.multiply(o, self.outer)}")
+        self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
 
     def row(self, i: str) -> str:

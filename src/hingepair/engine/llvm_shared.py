@@ -8,7 +8,7 @@ from hingepair.engine.llvm_builder import shared_name
 from hingepair.engine.llvm_memory import MEMORY_PARAMETERS_BY_FUNCTION, memory_functions
 from hingepair.engine.llvm_sines import SINE_PARAMETERS_BY_FUNCTION, sine_functions
 
-_PARAMETERS_BY_FUNCTION: Final = {**MEMORY_PARAMETERS_BY_FUNCTION, **SINE_PARAMETERS_BY_FUNCTION}
+_PARAMETERS_BY_SHARED_FUNCTION: Final = {**MEMORY_PARAMETERS_BY_FUNCTION, **SINE_PARAMETERS_BY_FUNCTION}
 """Parameter list (LLVM IR) of each shared function, by its name."""
 
 
@@ -19,12 +19,12 @@ def shared_ir(number: str) -> str:
 
 def shared_symbols(number: str) -> list[str]:
     """Return the linker symbols of the shared functions for numbers of type "double" or "float"."""
-    return [shared_name(name, number)[1:] for name in _PARAMETERS_BY_FUNCTION]
+    return [shared_name(name, number)[1:] for name in _PARAMETERS_BY_SHARED_FUNCTION]
 
 
 def declarations(number: str) -> list[str]:
     """Return the lines of LLVM IR by which a kernel declares the shared functions."""
     return [
         f"declare void {shared_name(name, number)}({parameters})"
-        for name, parameters in _PARAMETERS_BY_FUNCTION.items()
+        for name, parameters in _PARAMETERS_BY_SHARED_FUNCTION.items()
     ]

@@ -67,7 +67,7 @@ _OPERATIONS_PER_FUNCTION: Final = 10
 
 
 class KernelKey(NamedTuple):
-    """Key by which a program finds one of its kernels.
+    """Key by which a program finds a kernel: which inputs are uniform, widths of outputs, and dtype.
 
     Attributes:
         uniform: for each input array, whether it stays the same along the inner axis.
@@ -307,7 +307,7 @@ class Program:
         return kernel
 
     def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
-        """Return the LLVM IR of a kernel.
+        """Return the LLVM IR of a kernel, as text.
 
         Args:
             uniform: for each input array, whether it stays the same along the inner axis.

@@ -51,7 +51,7 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Return a function of Python floats, compiled from its source.
+    """Return a function of Python floats, compiled from its source; it never raises an arithmetic error.
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """

@@ -47,6 +47,7 @@ class Results(DaskCollection, Shown):
         return {name: self[name] for name in self._content[0]}
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        """Return the lazy Dask arrays by name, and a function that makes the results from their computed values."""
         arrays = self.arrays()
         lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
         others = {name: None if name in lazy else array for name, array in arrays.items()}
@@ -108,10 +109,10 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 
 
 def _results_of(
-    kind: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replaced: Mapping[str, Any]
+    result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results of a class from their arrays, some of them replaced."""
-    return kind({**arrays, **replaced}, shape)
+    """Return results of a class, made of arrays by name, some of them replaced."""
+    return result_class({**arrays, **replacements}, shape)
 
 
 def _user_view(array: Any) -> Any:

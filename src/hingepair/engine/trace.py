@@ -158,7 +158,7 @@ def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
 
 
 def operation_count(values: Iterable[TracedValue], varying: bool | None = None) -> int:
-    """Return the number of operations among values.
+    """Return the number of operations among values: of all, or of those that vary, or do not, by sample.
 
     Args:
         values: values of a trace.

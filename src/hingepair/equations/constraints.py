@@ -82,7 +82,7 @@ def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the derivative of the rates of gap (E1) and tilt (E2) by (v1, omega1, v2, omega2), 5 x 12."""
+    """Return the derivative of the rates of gap (E1) and tilt by (v1, omega1, v2, omega2), 5 x 12, row by row."""
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
         (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])

@@ -41,7 +41,7 @@ def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vec
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """Return the torque about its centre of mass by which a body turns so (D2, Euler's equation); world axes."""
+    """Return the torque about the centre of mass for omega and alpha of a body (D2); inertia in body axes."""
     to_body = transpose(S)
     body_omega = rotate(to_body, omega)
     body_momentum = rotate(inertia, body_omega)
@@ -87,7 +87,9 @@ PairInertia: TypeAlias = tuple[Matrix, Vector, Scalar]
 def pair_inertia(
     J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
 ) -> PairInertia:
-    """Return a pair's inertia about a point: J and a mass at `lever`; its coupling with psi''; that of psi''.
+    """Return a tuple, the inertia of a pair about a point: J plus a mass at `lever`, coupling, and that of psi''.
+
+    The coupling is the inertia between alpha1 and psi''.
 
     About R1, that is body 2's mass at e, J with body 1's at r1; about the common centre, where no term cancels, the
     reduced mass m1 m2 / (m1 + m2) at e - r1.
@@ -231,7 +233,7 @@ def pair_angular_momentum(inertia: PairInertia, omega1: Vector, psid: Scalar) ->
 def reference_point_rate(
     centre_rate: Vector, body1_turn: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
 ) -> Vector:
-    """Return v1 from that of the common centre, at `centre` from R1; or a1 without centripetal terms, from a.
+    """Return v1, or a1 without centripetal terms, from the rate of the common centre of mass, `centre` from R1.
 
     psid_fraction is psi', or psi'', times the mass of body 2 over that of both.
     """

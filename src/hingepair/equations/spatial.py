@@ -66,7 +66,7 @@ def transpose(A: Matrix) -> Matrix:
 
 
 def compose(A: Matrix, B: Matrix) -> Matrix:
-    """Return the product A B."""
+    """Return the product A B of two matrices."""
     a, b, c, d, e, f, g, h, i = A
     j, k, l, m, n, o, p, q, r = B  # noqa: E741
     return (
@@ -192,7 +192,7 @@ def angular_velocity_matrix(S: Matrix, S_dot: Matrix) -> Matrix:
 
 
 def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation of the unit quaternion (w, x, y, z)."""
+    """Return the rotation matrix of the unit quaternion (w, x, y, z)."""
     w, x, y, z = quat
     w2, x2, y2, z2 = 2 * w, 2 * x, 2 * y, 2 * z
     return (
@@ -221,10 +221,7 @@ def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix Sx Sy Sx, for sequences that repeat their first axis; trig as in (E10).
-
-    trig = (sin, cos) of the first, second and third angle.
-    """
+    """Return the rotation matrix Sx Sy Sx of proper Euler angles; trig = (sin, cos) of all three angles."""
     sx, cx, sy, cy, sz, cz = trig
     sc, cc = sx * cy, cx * cy
     return (

@@ -20,7 +20,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of
 from hingepair.pair.forward_kinematics import component
-from hingepair.plans.dynamics_steps import FORWARD_DYNAMICS_OUTPUTS, INVERSE_DYNAMICS_OUTPUTS, LOAD_NAMES
+from hingepair.plans.dynamics_steps import FORWARD_DYNAMICS_OUTPUT_NAMES, INVERSE_DYNAMICS_OUTPUT_NAMES, LOAD_NAMES
 from hingepair.plans.plan import SPATIAL_MOTION, make_plan
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -188,13 +188,13 @@ class Quantity:
 MASS_MATRIX = Quantity(("mass_matrix",), ("S",))  # D6
 # Inverse dynamics, D1-D5.
 FORCES = Quantity(
-    INVERSE_DYNAMICS_OUTPUTS,
+    INVERSE_DYNAMICS_OUTPUT_NAMES,
     ("S", "omega", "a", "alpha"),
     without_body1="; or pair.hinge_wrench, for which body 2 suffices",
 )
 # The wrench of body 1 on body 2, D3, D4.
 HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
-ACCELERATIONS = Quantity((*FORWARD_DYNAMICS_OUTPUTS, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
+ACCELERATIONS = Quantity((*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
 # D7.
 ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
 MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8

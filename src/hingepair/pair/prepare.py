@@ -21,8 +21,8 @@ from hingepair.pair.evaluate import QUATERNIONS, call_of
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import (
     DYNAMICS_CONSTANT_NAMES,
-    FORWARD_DYNAMICS_OUTPUTS,
-    INVERSE_DYNAMICS_OUTPUTS,
+    FORWARD_DYNAMICS_OUTPUT_NAMES,
+    INVERSE_DYNAMICS_OUTPUT_NAMES,
     LOAD_NAMES,
 )
 from hingepair.plans.plan import SPATIAL_MOTION, Plan, check_outputs, default_outputs, make_plan, needed_steps
@@ -35,7 +35,7 @@ _INPUTS_BY_KIND: Final = {
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
-    "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUTS),
+    "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUT_NAMES),
 }
 # All inputs that a prepared call can take.
 _INPUTS: Final = (
@@ -53,7 +53,7 @@ _OUTPUTS: Final = (
     *POSE_SENSITIVITIES,
     *RATE_SENSITIVITIES,
     *_TWO_BODY_OUTPUTS,
-    *INVERSE_DYNAMICS_OUTPUTS,
+    *INVERSE_DYNAMICS_OUTPUT_NAMES,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
 """All that can be prepared."""
@@ -154,9 +154,9 @@ def prepare(
     bodies, constants = (pair.body1, pair.body2), pair.constants
     forward = any(name in LOAD_NAMES for name in names)
     if outputs is None and forward:
-        outputs = FORWARD_DYNAMICS_OUTPUTS
+        outputs = FORWARD_DYNAMICS_OUTPUT_NAMES
     elif outputs is None and given == "inverse_dynamics":
-        outputs = INVERSE_DYNAMICS_OUTPUTS
+        outputs = INVERSE_DYNAMICS_OUTPUT_NAMES
     rows = "q" in names
     if rows:
         find_sequence(sequence)

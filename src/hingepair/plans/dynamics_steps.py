@@ -75,7 +75,7 @@ _ENERGY_AND_MOMENTUM_STEPS = (
 )
 """Steps to energy and momentum (D7, D8)."""
 
-KNOWN_MOTION_STEPS = (
+FORCES_AND_ENERGY_STEPS = (
     *_INERTIA_STEPS,
     *_INVERSE_DYNAMICS_STEPS,
     Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "partial_velocity2", "inertia_about_R1")),
@@ -87,9 +87,9 @@ LOAD_NAMES = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
 DYNAMICS_CONSTANT_NAMES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
 """Names of the constants that dynamics take: masses, centres of mass, inertias, gravity."""
-INVERSE_DYNAMICS_OUTPUTS = ("force1", "torque1", "hinge_torque")
+INVERSE_DYNAMICS_OUTPUT_NAMES = ("force1", "torque1", "hinge_torque")
 """Names of the outputs of inverse dynamics."""
-FORWARD_DYNAMICS_OUTPUTS = ("a1", "alpha1", "psidd")
+FORWARD_DYNAMICS_OUTPUT_NAMES = ("a1", "alpha1", "psidd")
 """Names of the outputs of forward dynamics."""
 
 _NET_LOAD_STEPS = (
@@ -104,7 +104,7 @@ _NET_LOAD_STEPS = (
 )
 """Steps to the loads less the forces of a motion without accelerations."""
 
-_POINT_INERTIA_STEPS_BY_BASE = {
+_ROTATION_POINT_STEPS_BY_BASE = {
     "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
     "pinned": (Step("point", _zero_vector, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
     "carried": (Step("inertia_about_point", dyn.pair_inertia, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
@@ -154,7 +154,7 @@ def inertia_steps(base: str) -> tuple[Step, ...]:
 
     `base` is as for `forward_dynamics_steps`.
     """
-    return (*_INERTIA_STEPS, *_POINT_INERTIA_STEPS_BY_BASE[base])
+    return (*_INERTIA_STEPS, *_ROTATION_POINT_STEPS_BY_BASE[base])
 
 
 @functools.lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
-from hingepair.plans.dynamics_steps import KNOWN_MOTION_STEPS, LOAD_NAMES, forward_dynamics_steps
+from hingepair.plans.dynamics_steps import FORCES_AND_ENERGY_STEPS, LOAD_NAMES, forward_dynamics_steps
 from hingepair.plans.steps import (
     ATTITUDE1_STEPS_BY_INPUT,
     ATTITUDE2_CHECK_STEPS,
@@ -26,6 +26,7 @@ from hingepair.plans.steps import (
     COORDINATE_NAMES,
     COORDINATE_PART_NAMES,
     COORDINATE_SPLIT_STEPS,
+    GIVEN_S1_REPLACEMENT_STEPS,
     JACOBIAN_STEPS,
     LEVER_CONSTANT_STEPS,
     PLANAR_COORDINATE_NAMES,
@@ -33,7 +34,6 @@ from hingepair.plans.steps import (
     PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_STEPS,
     SENSITIVITY_STEPS,
-    STEPS_FOR_GIVEN_S1,
     Step,
     coordinate_jacobian_steps,
     same,
@@ -259,7 +259,7 @@ def all_steps(
         return tuple(steps)
     if any(name in LOAD_NAMES for name in given_names):
         return forward_dynamics_steps(tuple(steps))
-    steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_STEPS
+    steps += CONSTRAINT_STEPS if "S2" in given_names else FORCES_AND_ENERGY_STEPS
     steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
@@ -292,7 +292,7 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
             Step("omega1", order.angular_velocity, ("axes", "phid")),
             Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
         )
-    replaced_steps = STEPS_FOR_GIVEN_S1 if sequence is None else {}
+    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS if sequence is None else {}
     for step in BODY2_STEPS:
         steps += replaced_steps.get(step.result, (step,))
     return tuple(

@@ -137,7 +137,7 @@ precision, so that a plan in doubles starts from constants that are right to the
 
 ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
-STEPS_FOR_GIVEN_S1 = {
+GIVEN_S1_REPLACEMENT_STEPS = {
     "lever_by_psi": (
         Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
         Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),

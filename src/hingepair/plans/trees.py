@@ -643,7 +643,7 @@ OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_BASE_AND_GRAVITY_SHAPES: Final[Mapping[str, Tail]] = {
+_BASE_AND_GRAVITY_INPUT_SHAPES: Final[Mapping[str, Tail]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
@@ -662,7 +662,7 @@ def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             tails[name] = (form.dof,)
-    tails |= {name: tail for name, tail in _BASE_AND_GRAVITY_SHAPES.items() if name in names}
+    tails |= {name: tail for name, tail in _BASE_AND_GRAVITY_INPUT_SHAPES.items() if name in names}
     return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 

@@ -25,7 +25,7 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity of a moving attitude S (E3); with_defect adds an error measure of S_dot.
+    """Return the angular velocity of a moving attitude (E3); with_defect returns it with the error of S_dot.
 
     The angular velocity omega is the vector of [omega]x = S' S^T, where ' is the time derivative.
 
@@ -80,7 +80,7 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity at each sample of an attitude (E3); with_alpha adds the acceleration.
+    """Return omega at each sample of an attitude (E3); with_alpha returns the pair (omega, alpha).
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta for each neighbour k. There theta is
     0, so that omega = theta' and alpha = theta'' exactly; these are the derivatives of a polynomial of degree
@@ -133,7 +133,7 @@ def angular_velocity_from_samples(
 
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return a list of `count` (1 or 2) time derivatives, at each sample, of the rotation vector from it."""
+    """Return [omega] or, if count is 2, [omega, alpha] at each sample; raise an error if neighbours turn too far."""
     turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):

@@ -70,7 +70,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles of rotation matrices (E10 solved for phi); with_lock adds where gimbal lock is.
+    """Return the Euler angles of rotation matrices (E10); with_lock returns (angles, where gimbal lock is).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis is also the last, as in XYX;
     the others in [-pi, pi].
@@ -231,9 +231,9 @@ def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """Matrices J, J^-1 and J' of omega = J phi' (E4), omega in world axes, and the distance from gimbal lock.
+    """Matrices J, J^-1 and J' of omega = J phi' (E4), the condition number of J, and how near gimbal lock is.
 
-    With them, phi' = J^-1 omega and alpha = J phi'' + J' phi', alpha in world axes.
+    With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
 
     Attributes:
         J: (..., 3, 3).
@@ -252,7 +252,7 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return J, J^-1, J' and the distance from gimbal lock (E4) of Euler angles; J' is None without phid.
+    """Return the `EulerKinematics` of Euler angles (E4): J, J^-1, how near gimbal lock is, and with phid J'.
 
     The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
     sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).

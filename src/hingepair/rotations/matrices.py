@@ -236,7 +236,7 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """Return the rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
+    """Return the rotation nearest to a matrix (its orthogonal polar factor); raise an error for a reflection.
 
     The error is at most 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else it grows with the largest
     singular value over the sum of the two smallest.
