@@ -15,7 +15,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.pair_table import pair_expressions
 from hingepair.scenes.scene import Scene, load_pair, load_tables
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS
+from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANT_NAMES
 from hingepair.symbolic.derivation import Derivation
 from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
@@ -113,7 +113,7 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
     """Return the argument `symbolic` as a tuple of names of u1, u2, n and scene constants; refuse other values."""
-    allowed_names = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
+    allowed_names = (*(key for key in SYMBOLIC_CONSTANT_NAMES if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
         raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))

@@ -20,8 +20,8 @@ from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, check_outputs, make_plan
-from hingepair.symbolic.exact_constants import MAX_SQUARE_DENOMINATOR, exact
-from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
+from hingepair.symbolic.exact_constants import MAX_SQUARED_ENTRY_DENOMINATOR, exact
+from hingepair.symbolic.jets import SYMPY_ERRORS, DerivativeProgram, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_symbols, sorted_terms
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
@@ -29,33 +29,33 @@ from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, tri
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
 
-MAX_SYMBOLS: Final = 5_000
+MAX_COMPONENT_SYMBOLS: Final = 5_000
 """Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
 MAX_DERIVATIVE_SYMBOLS: Final = 2_000
 """Largest number of symbols in a derivative of a coordinate, counted with repetition."""
-SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
+SYMBOLIC_CONSTANT_NAMES: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
-PAIR_CONSTANTS: Final = ("u1", "u2", "n", "home")
+PAIR_CONSTANT_NAMES: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
-_COORDINATE_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
-_ANGLE_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
+_COORDINATE_INPUT_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
+_ANGLE_SUM_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
 
 
 class ClosedForms:
     """Closed forms of a pair's motion (E1-E11): attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1.
 
-    Each is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. It is derived at
-    the first access, and intermediate results are kept for other forms.
+    Each form is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. It is derived
+    at the first access, and intermediate results are kept for other forms.
 
     Args:
         pair: one pair; its numbers are made exact as `hingepair.derive` describes.
         motion: coordinates as expressions in t, by name; others, and those that are None, are functions of t.
         sequence: sequence of the Euler angles.
-        symbolic: those of u1, u2 and n that stay symbols; n counts as having length 1.
+        symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
         exact_values: exact components of u1, u2, n (of length 1) and home, by name, where they are known.
 
     Raises:
-        ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
+        ArgumentError: `pair` holds more than one pair, or the derivatives of the expression named are too long.
     """
 
     __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
@@ -70,12 +70,12 @@ class ClosedForms:
     ) -> None:
         check_one(pair)
         self._planar = isinstance(pair, PlanarPair)
-        jets = [_coordinate_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
+        coordinates = [_coordinate_with_derivatives(name, (motion or {}).get(name)) for name in self.kind.coordinates]
         constants = constant_inputs(pair, symbolic, exact_values or {})
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._working_forms: dict[str, Any] = constants | dict(
-            zip(_COORDINATE_NAMES, zip(*jets, strict=True), strict=True)
+            zip(_COORDINATE_INPUT_NAMES, zip(*coordinates, strict=True), strict=True)
         )
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
@@ -110,7 +110,7 @@ class ClosedForms:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
     def terms(self, name: str) -> tuple[SumTerms, ...]:
-        """Return the terms of each component of an output, in the order in which they arise.
+        """Return the components of an output, each as a tuple of the terms of its sum, in the order of display.
 
         Args:
             name: one of `names`.
@@ -119,30 +119,32 @@ class ClosedForms:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
         check_outputs((name,), self.kind.levels)
-        plan = make_plan((name,), self._sequence, self._home, _TRIG_FUNCTIONS, self.kind, _COORDINATE_NAMES)
+        plan = make_plan(
+            (name,), self._sequence, self._home, _PLAN_TRIG_FUNCTIONS, self.kind, _COORDINATE_INPUT_NAMES
+        )
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
-                    result in _ANGLE_RESULT_NAMES
-                    or bool({*arguments} & {*_COORDINATE_NAMES})
+                    result in _ANGLE_SUM_RESULT_NAMES
+                    or bool({*arguments} & {*_COORDINATE_INPUT_NAMES})
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
         return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
 
-    def _shorten(self, result: str, value: Any) -> Any:
-        """Return each component in its shorter form for further steps; keep the forms to display."""
+    def _shorten(self, result_name: str, value: Any) -> Any:
+        """Return a result's components, each in its shorter form for further steps; store the forms to display."""
         pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
         longest = max(count_symbols(working) for working, _ in pairs)
-        if longest > MAX_SYMBOLS:
-            expected = f"an output whose components have at most {MAX_SYMBOLS} symbols"
-            raise ArgumentError("outputs", expected, f"{result} with {longest}")
-        working, self._display_forms[result] = zip(*pairs, strict=True)
+        if longest > MAX_COMPONENT_SYMBOLS:
+            expected = f"an output whose components have at most {MAX_COMPONENT_SYMBOLS} symbols"
+            raise ArgumentError("outputs", expected, f"{result_name} with {longest}")
+        working, self._display_forms[result_name] = zip(*pairs, strict=True)
         return working if isinstance(value, tuple) else working[0]
 
     def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
-        """Return the form of an expression for further steps, and the form to display."""
+        """Return two forms of an expression, as products or as a sum of sines: for further steps, and to display."""
         as_sum = trig_sum(expr)
         if as_sum is None:
             return expr, expr
@@ -150,22 +152,22 @@ class ClosedForms:
         return as_sum if gain > 0 else expr, as_sum if gain >= 0 else expr
 
 
-def _coordinate_jet(name: str, expr: Expr | None) -> Jet:
-    """Return a coordinate with its first and second derivative, from an expression in t or as a function of t."""
+def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDerivatives:
+    """Return a coordinate with its first two derivatives by t; None stands for an unknown function of t."""
     if expr is None:
         t = time_symbol()
         function = sympy.Function(name, real=True)(t)
         return function, function.diff(t), function.diff(t, 2)
     expected = f"an expression whose derivatives have at most {MAX_DERIVATIVE_SYMBOLS} symbols"
-    program = JetProgram()
+    program = DerivativeProgram()
     steps: dict[Expr, Expr] = {}
     try:
-        jet = program.jet(expr)
-        for symbol, step in program.steps_for([part for part in jet if part.is_Symbol]):
+        derivatives = program.value_and_derivatives(expr)
+        for symbol, step in program.steps_for([part for part in derivatives if part.is_Symbol]):
             expanded = steps[symbol] = step.xreplace(steps)
             if count_symbols(expanded) > MAX_DERIVATIVE_SYMBOLS:
                 raise ArgumentError(name, expected, f"{count_symbols(expanded)}")
-        return expr, jet[1].xreplace(steps), jet[2].xreplace(steps)
+        return expr, derivatives[1].xreplace(steps), derivatives[2].xreplace(steps)
     except ArgumentError:
         raise
     except SYMPY_ERRORS:
@@ -175,10 +177,10 @@ def _coordinate_jet(name: str, expr: Expr | None) -> Jet:
 def constant_inputs(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
 ) -> dict[str, SumTerms]:
-    """Return u1, u2, n and home, where the pair has them, as symbols, exact values, or exact numbers."""
+    """Return u1, u2, n and home by name, as symbols (those in `symbolic`), given exact values, or exact numbers."""
     inputs: dict[str, SumTerms] = {}
     values = pair.constants.values
-    for key, value in ((key, values[key]) for key in PAIR_CONSTANTS if key in values):
+    for key, value in ((key, values[key]) for key in PAIR_CONSTANT_NAMES if key in values):
         if key in symbolic:
             inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         elif key in exact_values:
@@ -189,11 +191,11 @@ def constant_inputs(
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """Return the axis of length 1 with simple rational squares nearest to n, or else n as its decimals.
+    """Return the unit axis nearest to n whose components have simple rational squares, or else n as decimals.
 
     The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """
-    squares = [Fraction(c * c).limit_denominator(MAX_SQUARE_DENOMINATOR) for c in n]
+    squares = [Fraction(c * c).limit_denominator(MAX_SQUARED_ENTRY_DENOMINATOR) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
@@ -211,5 +213,5 @@ def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
     return sine_expression(psi), 1 - cosine_expression(psi)
 
 
-_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+_PLAN_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
 """Sines and cosines that plans are made with: of Euler angles, and of psi."""

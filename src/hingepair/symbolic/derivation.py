@@ -37,10 +37,12 @@ class Derivation(ClosedForms):
     __slots__ = ()
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
-        """Return one equation per component in mathematical notation: `omega1_x = 3 + 5 sin t`; rates are x', x''.
+        """Return one equation per component as text: `omega1_x = 3 + 5 sin t`; `short` abbreviates functions.
+
+        Rates are x', second derivatives x''.
 
         Args:
-            names: some of `names`; all unless given.
+            names: names of outputs, out of `names`; None for all.
             short: whether sines, cosines and other repeated functions are abbreviated: c_1, s_12, k_1.
             width: largest number of characters of a line; longer equations go on in the next.
 
@@ -54,7 +56,7 @@ class Derivation(ClosedForms):
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
-        r"""Return an align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
+        r"""Return an align* environment of amsmath; derivatives of x(t) are \dot{x}. Arguments as for `to_text`."""
         rows, meanings = _abbreviated_rows(self._labelled_terms(names), short)
         lines = [f"{latex_name(name)} &= {to_latex(expr)}" for name, expr in meanings.items()]
         for label, terms in rows:
@@ -73,30 +75,30 @@ class Derivation(ClosedForms):
         return "\n\n".join(parts)
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return the SymPy source of each component, which `sympy.sympify` reads, by its label: omega1_x, S2_xy.
+        """Return, by label such as omega1_x or S2_xy, the text of each component that `sympy.sympify` reads.
 
         Choices are Piecewise, and symbols have no assumptions. `names` as for `to_text`.
         """
         return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
     def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, SumTerms]]:
-        """Return the terms of every component with its label."""
-        labelled = []
+        """Return the label and the terms of every component of the named outputs; None names all outputs."""
+        labelled_terms = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
             places = map("".join, itertools.product("xyz", repeat=len(self.kind.shapes[name])))
             labels = (f"{name}_{place}" if place else name for place in places)
-            labelled += list(zip(labels, parts, strict=False))
-        return labelled
+            labelled_terms += list(zip(labels, parts, strict=False))
+        return labelled_terms
 
 
 def _abbreviated_rows(
-    labelled: list[tuple[str, SumTerms]], short: bool
+    labelled_terms: list[tuple[str, SumTerms]], short: bool
 ) -> tuple[list[tuple[str, SumTerms]], dict[str, Expr]]:
-    """Return components with symbols for functions of t, and the definitions of abbreviations."""
+    """Return components with symbols for functions of t, abbreviated if `short`, and the definitions of these."""
     rows = [
         (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))
-        for label, terms in labelled
+        for label, terms in labelled_terms
     ]
     if not short:
         return rows, {}
@@ -111,7 +113,7 @@ def _abbreviated_rows(
     definitions: dict[str, Expr] = {}
 
     def define(expr: Expr) -> None:
-        """Add the definitions of the symbols in an expression, those that they need first."""
+        """Add the definitions of the symbols in an expression to `definitions`, after those that they need."""
         for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
             if symbol.name not in definitions:
                 define(meanings[symbol])  # definitions that it needs come first
@@ -122,7 +124,7 @@ def _abbreviated_rows(
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
-    """Return symbols for functions: c_1 and s_1 of an angle, c_12 of the sum of two, k_1 of other functions.
+    """Return abbreviations by function: c_1 and s_1 of an angle, c_12 of the sum of two, k_1 of other functions.
 
     Sines and cosines such as sin t and cos 3t, and functions that occur once, are not abbreviated.
     """
@@ -151,7 +153,7 @@ def _is_short_wave(wave: Expr) -> bool:
 
 
 def _function_source(name: str, parts: list[Expr]) -> str:
-    """Return the source of the Python function of one output."""
+    """Return the Python source of a function that computes the components of one output."""
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, parts), t], "d")[:-1]
     symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})

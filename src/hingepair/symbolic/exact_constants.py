@@ -14,18 +14,18 @@ from hingepair.symbolic.kinks import Expr
 
 # Significant digits to which a squared length is computed, to find out whether it is rational.
 _SQUARED_LENGTH_DIGITS: Final = 50
-_MAX_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
-_RATIONAL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
+_MAX_SQUARED_LENGTH_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
+_SQUARED_LENGTH_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 
-MAX_SQUARE_DENOMINATOR: Final = 1_000
+MAX_SQUARED_ENTRY_DENOMINATOR: Final = 1_000
 """Largest denominator of the square of an entry of a rotation or a unit vector that is recognised as a root."""
-_ROUNDING_TOLERANCE: Final = 4 * 2.0**-53
+_ENTRY_AND_ANGLE_TOLERANCE: Final = 4 * 2.0**-53
 """Rounding error of a computed entry of a rotation [1] and of an angle [rad] within which a number is recognised."""
-_PI_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
+_PI_FRACTION_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
 _MAX_ANGLE_DECIMALS: Final = 14  # decimal places of an angle of order one
 
 # Unit vectors along x, y and z.
-_COORDINATE_AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+_COORDINATE_UNIT_VECTORS: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
 
 
 def exact(value: float) -> Expr:
@@ -34,7 +34,7 @@ def exact(value: float) -> Expr:
 
 
 def exact_entry(value: float) -> Expr:
-    """Return an entry of a rotation exactly, where it is recognised within rounding.
+    """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or a root if within rounding, else a decimal.
 
     These are 0, 1, -1 and roots of simple fractions; any other entry is the number that its shortest decimal writes.
 
@@ -42,32 +42,32 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _ROUNDING_TOLERANCE:
+    if abs(value - nearest) <= _ENTRY_AND_ANGLE_TOLERANCE:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(MAX_SQUARE_DENOMINATOR)
+    square = Fraction(value * value).limit_denominator(MAX_SQUARED_ENTRY_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _ROUNDING_TOLERANCE * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _ENTRY_AND_ANGLE_TOLERANCE * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
-    """Return an angle [rad] that was computed exactly: a multiple of pi/12 or a short decimal within rounding.
+    """Return an angle [rad] as an exact number within rounding: a multiple of pi/12, or a short decimal.
 
     >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
     (pi/4, 3/10)
     """
-    step = math.pi / _PI_DENOMINATOR
-    if abs(value - round(value / step) * step) <= _ROUNDING_TOLERANCE:
-        return sympy.pi * sympy.Rational(round(value / step), _PI_DENOMINATOR)
+    step = math.pi / _PI_FRACTION_DENOMINATOR
+    if abs(value - round(value / step) * step) <= _ENTRY_AND_ANGLE_TOLERANCE:
+        return sympy.pi * sympy.Rational(round(value / step), _PI_FRACTION_DENOMINATOR)
     short = next(
         number
         for k in range(_MAX_ANGLE_DECIMALS + 4)
-        if abs((number := round(value, k)) - value) <= _ROUNDING_TOLERANCE
+        if abs((number := round(value, k)) - value) <= _ENTRY_AND_ANGLE_TOLERANCE
     )
     return exact(short)
 
 
 def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
-    """Return a SymPy function of arguments without t, unevaluated where SymPy's value has nested roots.
+    """Return a SymPy function's value at arguments without t; unevaluated where the value has nested roots.
 
     >>> unnested(sympy.cos, sympy.pi / 6), unnested(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))
@@ -78,7 +78,7 @@ def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
 
 
 def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return an axis of any non-zero length at length 1.
+    """Return the unit vector along an axis of any non-zero length, as exact expressions.
 
     >>> exact_unit_axis([sympy.cos(1), sympy.sin(1), 0])
     (cos(1), sin(1), 0)
@@ -88,14 +88,14 @@ def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
     if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
         value = square.evalf(_SQUARED_LENGTH_DIGITS)
-        near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_DENOMINATOR))
-        square = near if abs(near - value) <= _RATIONAL_TOLERANCE * abs(value) else square
+        near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_SQUARED_LENGTH_DENOMINATOR))
+        square = near if abs(near - value) <= _SQUARED_LENGTH_TOLERANCE * abs(value) else square
     length = sympy.sqrt(square)
     return tuple(c / length for c in n)
 
 
 def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
-    """Return the rotation by an angle [rad] about an axis of any length (E6), nine entries row by row.
+    """Return the rotation matrix by an angle [rad] about an axis of any length (E6), nine entries row by row.
 
     >>> axis_rotation([0, 0, 2], sympy.pi / 2)
     (0, -1, 0, 1, 0, 0, 0, 0, 1)
@@ -106,15 +106,17 @@ def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
 
 
 def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the rotation by roll, pitch and yaw [rad] about the fixed axes x, y, z, nine entries row by row.
+    """Return the rotation matrix by roll, pitch and yaw [rad] about the fixed axes x, y, z, nine entries by rows.
 
     >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
     (-1, 0, 0, 0, 0, 1, 0, 1, 0)
     """
-    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(_COORDINATE_AXES, angles, strict=True))
+    roll, pitch, yaw = (
+        axis_rotation(axis, angle) for axis, angle in zip(_COORDINATE_UNIT_VECTORS, angles, strict=True)
+    )
     return _expanded(eq.compose(eq.compose(yaw, pitch), roll))
 
 
 def _expanded(entries: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Expand entries to sums of products, in which terms that cancel vanish."""
+    """Return entries expanded to sums of products, in which terms that cancel vanish."""
     return tuple(sympy.expand(entry) for entry in entries)

@@ -23,7 +23,7 @@ import sympy
 
 from hingepair.errors import ArgumentError, nearest, pointed
 from hingepair.symbolic.exact_constants import exact, unnested
-from hingepair.symbolic.jets import MAX_BITS, SMOOTH_FUNCTIONS, SYMPY_ERRORS, bit_length, time_symbol
+from hingepair.symbolic.jets import MAX_NUMBER_BITS, SMOOTH_FUNCTION_NAMES, SYMPY_ERRORS, bit_length, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
 
 MAX_TEXT_LENGTH: Final = 10_000
@@ -37,7 +37,7 @@ MAX_EXPONENT: Final = 1_000
 MAX_EXPONENT_DENOMINATOR: Final = 10_000
 """Largest denominator of an exponent: t**0.1234 has 5000."""
 
-_KINKED_FUNCTIONS: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
+_KINKED_FUNCTION_BY_CALL: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
     "abs(x)": sympy.Abs,
     "sign(x)": sympy.sign,
     "min(x, y, ...)": lambda *parts: _nest_by_halves(Smaller, parts),
@@ -50,7 +50,7 @@ _KINKED_FUNCTIONS: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
 })  # fmt: skip
 """Functions with kinks or jumps, by their call."""
 
-_NAME_HINTS: Final = MappingProxyType({
+_HINT_BY_UNKNOWN_NAME: Final = MappingProxyType({
     **dict.fromkeys(("deg", "degrees", "deg2rad", "radians", "rad"), "degrees are written 30*pi/180"),
     **dict.fromkeys(("piecewise", "Piecewise", "ifelse"), "where(condition, x, y)"),
     **dict.fromkeys(("heaviside", "Heaviside"), "step(x)"),
@@ -61,9 +61,9 @@ _NAME_HINTS: Final = MappingProxyType({
 })  # fmt: skip
 """Hints for names that are known from elsewhere: how they are written here."""
 
-FUNCTION_CALLS: Final = MappingProxyType(
-    {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH_FUNCTIONS}
-    | {call.partition("(")[0]: call for call in _KINKED_FUNCTIONS}
+FUNCTION_CALL_BY_NAME: Final = MappingProxyType(
+    {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH_FUNCTION_NAMES}
+    | {call.partition("(")[0]: call for call in _KINKED_FUNCTION_BY_CALL}
 )
 """Calls of all functions, by name."""
 
@@ -73,47 +73,45 @@ NAMED_CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, 
 Number: TypeAlias = float | Expr
 """Value of a constant."""
 
-_FORBIDDEN_CHARACTER = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # in a text
-_SYNTAX_HINTS: Final[Mapping[Any, str]] = {
+_FORBIDDEN_CHARACTER_PATTERN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # in a text
+_HINT_BY_SYNTAX: Final[Mapping[Any, str]] = {
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }  # hints, by character or type of node
-_TRIGONOMETRIC_NAMES = ("sin", "cos", "tan")  # functions that may have nested roots as values
 _REAL_HYPERBOLIC_FUNCTIONS: Final = {
     "sinh": sinh,
     "cosh": cosh,
     "tanh": tanh,
 }  # used for arguments that SymPy does not know to be real
-_EXPECTED_NUMBER = "a finite real number"  # in messages
-_EXPECTED_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"  # in messages
-_MAX_SHOWN_NAMES = 20  # constants in a message
-_MAX_FRAGMENT_LENGTH = 40  # characters of the text in a message
+_EXPECTED_NUMBER_TEXT = "a finite real number"  # in messages
+_MAX_SHOWN_CONSTANTS = 20  # constants in a message
+_MAX_FRAGMENT_CHARACTERS = 40  # characters of the text in a message
 # A word other than an operator.
-_WORD_PATTERN = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
+_OPERAND_WORD_PATTERN = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
 # A number.
 _NUMBER_PATTERN = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
 # Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
 _MISSING_OPERATOR_PATTERN = re.compile(
-    rf"({_NUMBER_PATTERN}|\)|\b{_WORD_PATTERN}(?=\s+\w))\s*({_WORD_PATTERN}|\(|(?<=\s)\d)"
+    rf"({_NUMBER_PATTERN}|\)|\b{_OPERAND_WORD_PATTERN}(?=\s+\w))\s*({_OPERAND_WORD_PATTERN}|\(|(?<=\s)\d)"
 )
 
 
 def parse_expression(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text in t; return the SymPy expression.
+    """Return the SymPy expression of a text in t; `constants` are replaced by values, `symbols` stay symbols.
 
-    It may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and FUNCTION_CALLS; decimal
-    numbers are exact.
+    The text may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and the functions of
+    FUNCTION_CALL_BY_NAME; decimal numbers are exact.
 
     Args:
         name: name of the expression, for messages: `motion.psi`.
         text: the expression.
         constants: values of further names, finite numbers or expressions without t; see `constant_name_fault`.
-        symbols: those of these names that stay symbols.
+        symbols: further names, which stay symbols.
 
     Raises:
         ArgumentError: the text is no such expression, has a constant part that is not a finite real number, or is too
@@ -136,7 +134,7 @@ def parse_expression(
 def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text without t, such as `pi/6`; return the SymPy expression. Arguments as for `parse_expression`.
+    """Return the SymPy expression of a text without t, such as `pi/6`. Arguments as for `parse_expression`.
 
     Raises:
         ArgumentError: as for `parse_expression`, or the text depends on t.
@@ -148,10 +146,10 @@ def parse_constant(
 
 
 def constant_name_fault(name: str) -> str | None:
-    """Return what is expected of a constant's name where it is invalid; None for a valid name."""
+    """Return the text of what a constant's name must be if this name is invalid; None for a valid name."""
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
-    taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTIONS)  # a constant may be called step or max: step(x) is a call
+    taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTION_NAMES)  # a constant may be called step or max: step(x) is a call
     return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
@@ -160,20 +158,25 @@ _OperatorGroup: TypeAlias = tuple[tuple[type, type], _Function, _Function, _Func
 """Both operators of a group, its operation on exact parts and on floats, and the inverse that the second applies."""
 
 # + and -.
-_SUM_OPERATORS: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
+_SUM_OPERATOR_GROUP: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
 # * and /.
-_PRODUCT_OPERATORS: Final = ((ast.Mult, ast.Div), sympy.Mul, lambda *factors: math.prod(factors), lambda x: 1 / x)
+_PRODUCT_OPERATOR_GROUP: Final = (
+    (ast.Mult, ast.Div),
+    sympy.Mul,
+    lambda *factors: math.prod(factors),
+    lambda x: 1 / x,
+)
 
 
 class _ParsedPart(NamedTuple):
-    """Part of an expression; `value` is the float of a part without t, else None."""
+    """Parsed part of an expression; `value` is the float of a part without t, else None."""
 
     expr: Expr
     value: float | None
 
 
 class _ExpressionBuilder:
-    """Conversion of one text to SymPy; `line` is the whole text, for messages with a caret."""
+    """Converter of one text to a SymPy expression; its error messages show the text with a caret."""
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
         self.name = name
@@ -187,9 +190,9 @@ class _ExpressionBuilder:
         """Return the syntax tree of the text; line breaks count as blanks."""
         if len(self.line) > MAX_TEXT_LENGTH:
             self._fail(f"at most {MAX_TEXT_LENGTH} characters", f"{len(self.line)}")
-        if forbidden := _FORBIDDEN_CHARACTER.search(self.line):
+        if forbidden := _FORBIDDEN_CHARACTER_PATTERN.search(self.line):
             column = forbidden.start() + 1
-            hint = _SYNTAX_HINTS.get(forbidden[0], "")
+            hint = _HINT_BY_SYNTAX.get(forbidden[0], "")
             self._fail(f"an expression in t{hint}", f"character {forbidden[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
@@ -200,12 +203,12 @@ class _ExpressionBuilder:
                 self._fail("an expression in t", "''")
             column = self.column + (error.offset or len(self.text) + 1) - 1  # without offset the error is at the end
             problem = error.msg if error.offset else "an end where something is missing"
-            self._fail(f"an expression in t{self._hint()}", f"{problem} at column {column}", column)
+            self._fail(f"an expression in t{self._syntax_hint()}", f"{problem} at column {column}", column)
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _ParsedPart:
-        """Build the part of a node of the syntax tree."""
+        """Return the parsed part of a syntax node at a nesting depth; raise ArgumentError for what is not allowed."""
         self._count_node(node, depth)
         match node:
             case ast.Constant():
@@ -213,38 +216,38 @@ class _ExpressionBuilder:
             case ast.Name():
                 return self._build_name(node)
             case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.UnaryOp(op=ast.UAdd() | ast.USub()):
-                return self._build_chain(node, depth + 1, _SUM_OPERATORS)
+                return self._build_chain(node, depth + 1, _SUM_OPERATOR_GROUP)
             case ast.BinOp(op=ast.Mult() | ast.Div()):
-                return self._build_chain(node, depth + 1, _PRODUCT_OPERATORS)
+                return self._build_chain(node, depth + 1, _PRODUCT_OPERATOR_GROUP)
             case ast.BinOp(op=ast.Pow()):
                 return self._build_power(node, depth + 1)
             case ast.Call():
                 return self._build_call(node, depth + 1)
-        self._refuse(node, _SYNTAX_HINTS.get(type(node), "numbers, names, calls and + - * / **"))
+        self._refuse(node, _HINT_BY_SYNTAX.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _build_number(self, node: ast.Constant) -> _ParsedPart:
-        """Build the part of a number, exact."""
+        """Return the parsed part of a number, exact."""
         if type(node.value) not in {int, float} or node.value == math.inf:
-            self._refuse(node, _EXPECTED_NUMBER)
+            self._refuse(node, _EXPECTED_NUMBER_TEXT)
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
         return self._checked_part(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedPart:
-        """Build the part of a name: t or a constant; refuse other names."""
+        """Return the parsed part of a name: t or a constant; raise ArgumentError for other names."""
         if node.id == "t":
             return _ParsedPart(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
             return self._checked_part(node, exact(value) if isinstance(value, int | float) else value)
-        if node.id in FUNCTION_CALLS:
-            self._refuse(node, FUNCTION_CALLS[node.id])
+        if node.id in FUNCTION_CALL_BY_NAME:
+            self._refuse(node, FUNCTION_CALL_BY_NAME[node.id])
         self._refuse_name(node)
 
-    def _build_chain(self, node: ast.expr, depth: int, group: _OperatorGroup) -> _ParsedPart:
-        """Build the sum `a - b + c`, or the product `a / b * c`, of any length as one level."""
-        operators, operate_exactly, operate_on_floats, invert = group
+    def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedPart:
+        """Return the parsed sum `a - b + c`, or product `a / b * c`, of any length as one level of nesting."""
+        operators, operate_exactly, operate_on_floats, invert = operator_group
         inverted_operands, is_inverted, current = [], False, node
         while True:
             if isinstance(current, ast.BinOp) and isinstance(current.op, operators):
@@ -268,24 +271,24 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
-        """Build the part of a power."""
+        """Return the parsed part of a power."""
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
-        """Build the part of a call of a function."""
+        """Return the parsed part of a function call."""
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, f"the name of a function before the parenthesis{self._hint()}")
+            self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
         name = node.func.id
-        if name not in FUNCTION_CALLS:
+        if name not in FUNCTION_CALL_BY_NAME:
             if name == "t" or name in self.constants:
                 self._refuse(node, f"{name}*(...)")
             self._refuse_name(node.func)
-        call, count = FUNCTION_CALLS[name], len(node.args)
+        call, count = FUNCTION_CALL_BY_NAME[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
-        kinked_function = _KINKED_FUNCTIONS.get(call)
+        kinked_function = _KINKED_FUNCTION_BY_CALL.get(call)
         first = (
             _ParsedPart(self._build_guard(node.args[0], depth), None)
             if kinked_function is Where
@@ -304,14 +307,14 @@ class _ExpressionBuilder:
         function, is_constant = getattr(sympy, name), None not in [part.value for part in parts]
         if is_constant and name == "atan2":  # evaluation may take SymPy minutes
             function = functools.partial(function, evaluate=False)
-        elif is_constant and name in _TRIGONOMETRIC_NAMES:
+        elif is_constant and name in ("sin", "cos", "tan"):  # their values may have nested roots
             function = functools.partial(unnested, function)
         elif not is_constant and name in _REAL_HYPERBOLIC_FUNCTIONS and not parts[0].expr.is_extended_real:
             function = _REAL_HYPERBOLIC_FUNCTIONS[name]
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:
-        """Build a guard, an expression that is at least 0 where a condition holds."""
+        """Return a guard, an expression that is at least 0 where the condition of a syntax node holds."""
         self._count_node(node, depth)
         match node:
             case ast.BoolOp():
@@ -328,44 +331,44 @@ class _ExpressionBuilder:
                     guard = right - left if isinstance(comparison, ast.LtE | ast.Gt) else left - right
                     guards.append(_negate_guard(guard) if isinstance(comparison, ast.Lt | ast.Gt) else guard)
                 return _nest_by_halves(Smaller, guards)
-        self._refuse(node, _EXPECTED_CONDITION)
+        self._refuse(node, "a condition: comparisons by < <= > >=, joined by and, or, not")
 
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedPart
     ) -> _ParsedPart:
-        """Apply a function to parts: first to floats, which shows results that are not finite, then exactly."""
+        """Return a function of parsed parts: of their floats, to find infinite results, and of their expressions."""
         exprs, values = zip(*parts, strict=True)
         try:
             value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
-            self._refuse(node, _EXPECTED_NUMBER)
+            self._refuse(node, _EXPECTED_NUMBER_TEXT)
         return self._checked_part(node, operate_exactly(*exprs), value)
 
     def _checked_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
-        """Return a part of an expression, after checking that it is finite and not too large."""
+        """Return a parsed part after checking that it is finite and not too large; `value` is its float, if known."""
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
-            self._refuse(node, _EXPECTED_NUMBER)
+            self._refuse(node, _EXPECTED_NUMBER_TEXT)
         for part in (expr, *expr.args):
             if part.is_Pow:
                 self._check_power(node, part.base, part.exp)
-        if expr.is_Rational and bit_length(expr) > MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
+        if expr.is_Rational and bit_length(expr) > MAX_NUMBER_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_NUMBER_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
-            self._refuse(node, _EXPECTED_NUMBER)
+            self._refuse(node, _EXPECTED_NUMBER_TEXT)
         return _ParsedPart(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Refuse powers with exponents that would take SymPy long."""
+        """Check that an exponent is small enough for SymPy to compute the power quickly."""
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
-        if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
+        if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_NUMBER_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_NUMBER_BITS} bits")
 
     def _count_node(self, node: ast.expr, depth: int = 0) -> None:
-        """Count a node; refuse an expression with too many nodes, or too deep ones."""
+        """Count a syntax node; raise ArgumentError if nodes are too many or nested too deep."""
         self.nodes += 1
         if self.nodes > MAX_SYNTAX_NODES:
             self._refuse(node, f"at most {MAX_SYNTAX_NODES} numbers, names and operations")
@@ -376,33 +379,35 @@ class _ExpressionBuilder:
         """Return the text of a node."""
         return self.text[node.col_offset : node.end_col_offset]
 
-    def _hint(self) -> str:
-        """Return what to write where a product lacks its operator, or a function its parentheses."""
+    def _syntax_hint(self) -> str:
+        """Return a hint for a message on invalid syntax, such as a missing * or parenthesis; or an empty text."""
         match = _MISSING_OPERATOR_PATTERN.search(self.text)
-        if match and match[1] in FUNCTION_CALLS:
-            call = f"{match[1]}({match[2]})" if match[1] in SMOOTH_FUNCTIONS else FUNCTION_CALLS[match[1]]
+        if match and match[1] in FUNCTION_CALL_BY_NAME:
+            call = f"{match[1]}({match[2]})" if match[1] in SMOOTH_FUNCTION_NAMES else FUNCTION_CALL_BY_NAME[match[1]]
             return f"; a function is called as {call}"
         if match and match[2].startswith("deg"):
-            return f"; degrees are written {match[1][:_MAX_FRAGMENT_LENGTH]}*pi/180"
+            return f"; degrees are written {match[1][:_MAX_FRAGMENT_CHARACTERS]}*pi/180"
         if match:
-            return f"; a product is written {match[1][:_MAX_FRAGMENT_LENGTH]}*{match[2][:_MAX_FRAGMENT_LENGTH]}"
+            return (
+                f"; a product is written {match[1][:_MAX_FRAGMENT_CHARACTERS]}*{match[2][:_MAX_FRAGMENT_CHARACTERS]}"
+            )
         if re.search(r"\bif\b", self.text):
             return "; a choice is written where(condition, x, y)"
         assigns = re.search("(?<![<>=])=(?!=)", self.text)
         return "; an expression has no assignment: its name stands before the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
-        """Raise an error about a node, with its text and column."""
+        """Raise an ArgumentError about a syntax node, with the node's text and column."""
         source = self._source_of(node)
-        shown = source if len(source) <= _MAX_FRAGMENT_LENGTH else source[: _MAX_FRAGMENT_LENGTH - 3] + "..."
+        shown = source if len(source) <= _MAX_FRAGMENT_CHARACTERS else source[: _MAX_FRAGMENT_CHARACTERS - 3] + "..."
         column = self.column + node.col_offset
         self._fail(expected, f"{shown} at column {column}", column)
 
     def _refuse_name(self, node: ast.Name) -> NoReturn:
-        """Raise an error about an unknown name, with hints."""
-        names = (*FUNCTION_CALLS, "t", *list(self.constants)[: _MAX_SHOWN_NAMES + len(NAMED_CONSTANTS)])
-        column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_LENGTH]
-        hint = f" ({_NAME_HINTS[short]})" if short in _NAME_HINTS else nearest(short, names)
+        """Raise an ArgumentError about an unknown name, with the nearest name or a hint."""
+        names = (*FUNCTION_CALL_BY_NAME, "t", *list(self.constants)[: _MAX_SHOWN_CONSTANTS + len(NAMED_CONSTANTS)])
+        column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_CHARACTERS]
+        hint = f" ({_HINT_BY_UNKNOWN_NAME[short]})" if short in _HINT_BY_UNKNOWN_NAME else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{hint}"
         error = ArgumentError(self.name, ", ".join(names), got)
         error.args = (f"{self.name}: {got}; known: {error.expected}",)
@@ -410,7 +415,7 @@ class _ExpressionBuilder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
-        """Raise an error about the text, with a caret at a column."""
+        """Raise an ArgumentError about the text, with a caret under a column."""
         error = ArgumentError(self.name, expected, got)
         if column is not None:
             error.add_note(pointed(self.line, column))
@@ -418,7 +423,7 @@ class _ExpressionBuilder:
 
 
 def _nest_by_halves(choose: Callable[[Expr, Expr], Expr], parts: Sequence[Expr]) -> Expr:
-    """Return the largest or smallest of many parts, nested by halves, since SymPy fails on deep nesting."""
+    """Return `choose`, Larger or Smaller, of many parts as pairs nested by halves: SymPy fails on deep nesting."""
     half = len(parts) // 2
     return (
         parts[0] if not half else choose(_nest_by_halves(choose, parts[:half]), _nest_by_halves(choose, parts[half:]))

@@ -12,7 +12,7 @@ import sympy
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.frame_program import SYMBOLIC_POINTS, FrameProgram
+from hingepair.symbolic.frame_program import SYMBOLIC_POINTS_OPTION, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.layout import (
     align_environment,
@@ -34,10 +34,10 @@ from hingepair.symbolic.printers import (
     with_short_constants,
 )
 
-FRAME_OUTPUTS: Final = ("R", "S", "jacobian", "v", "omega")
+FRAME_OUTPUT_NAMES: Final = ("R", "S", "jacobian", "v", "omega")
 """Outputs of a robot's frame, all of which are derived by default."""
 # Descriptions of the outputs with their units.
-_OUTPUT_DESCRIPTIONS: Final = {
+_DESCRIPTION_BY_OUTPUT: Final = {
     "R": "position of the frame's origin, world axes [m]",
     "S": "rotation from the frame's axes to those of the world",
     "jacobian": "(v, omega) = jacobian @ qd, world axes",
@@ -46,8 +46,8 @@ _OUTPUT_DESCRIPTIONS: Final = {
 }
 
 
-class _Line(NamedTuple):
-    """Line of output: labels of equal components, the first of which later lines may use, and their expression."""
+class _EquationLine(NamedTuple):
+    """Equation of one or more equal components: their labels and their expression; later lines may use a label."""
 
     labels: tuple[str, ...]
     expr: Expr
@@ -72,7 +72,7 @@ class FrameForms:
 
     __slots__ = ("_notes", "_program", "_title")
 
-    names: Final = FRAME_OUTPUTS
+    names: Final = FRAME_OUTPUT_NAMES
 
     def __init__(
         self,
@@ -85,9 +85,9 @@ class FrameForms:
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
         symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (SYMBOLIC_POINTS,)):
+        if symbols not in ((), (SYMBOLIC_POINTS_OPTION,)):
             raise ArgumentError(
-                "symbolic", f"({SYMBOLIC_POINTS!r},): points of a robot's joints, or nothing", quoted(symbolic)
+                "symbolic", f"({SYMBOLIC_POINTS_OPTION!r},): points of a robot's joints, or nothing", quoted(symbolic)
             )
         end_links = robot.tree.tips
         if frame is None and len(end_links) != 1:
@@ -133,12 +133,12 @@ class FrameForms:
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = True, width: int = 100) -> str:
-        """Return one equation per component in mathematical notation: `R_x = c_1 k_1 - s_1 k_2`; rates are q_1'.
+        """Return one equation per component as text: `R_x = c_1 k_1 - s_1 k_2`; `short` abbreviates repeated parts.
 
-        Components that are equal stand in one line; those that are 0 stand in the last one.
+        Components that are equal are in one line; those that are 0 are in the last one. Rates are q_1'.
 
         Args:
-            names: some of `names`; all unless given.
+            names: names of outputs, out of `names`; None for all.
             short: whether sines and cosines are abbreviated (c_1, s_23 of q_2 + q_3) and repeated sums named.
             width: largest number of characters of a line; longer equations go on in the next.
 
@@ -155,7 +155,7 @@ class FrameForms:
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = True) -> str:
-        r"""Return an align* environment of the package amsmath; rates are \dot{q}_1. Arguments as for `to_text`."""
+        r"""Return an align* environment of amsmath; rates are \dot{q}_1. Arguments as for `to_text`."""
         rows = self._display_lines(self._checked_names(names), short)
         definitions = {**self._point_values(rows), **self._used_trig(rows)}
         lines = [f"{latex_name(symbol.name)} &= {to_decimal_latex(expr)}" for symbol, expr in definitions.items()]
@@ -178,7 +178,7 @@ class FrameForms:
         return "\n\n".join([module, *map(self._function_source, self._checked_names(names))])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return the SymPy source of each component, which `sympy.sympify` reads, by its label: R_x, S_xy, Jv_x1.
+        """Return, by label such as R_x, S_xy or Jv_x1, the text of each component that `sympy.sympify` reads.
 
         Components are expressions in q_1, qd_1 and so on. `names` as for `to_text`.
         """
@@ -190,7 +190,7 @@ class FrameForms:
     # ---- lines
 
     def _checked_names(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        """Check the names of outputs; return all if there are none."""
+        """Return the names of outputs after checking them; all names for None."""
         checked = self.names if names is None else tuple(names)
         for name in checked:
             if name not in self.names:
@@ -198,7 +198,7 @@ class FrameForms:
         return checked
 
     def _legend(self) -> str:
-        """Return which joint each coordinate belongs to, as text."""
+        """Return text that says which joint each coordinate belongs to."""
         joints = (
             f"{symbol} {joint.name}{' [m]' * (joint.kind == 'slider')}"
             for symbol, joint in self._program.joints.items()
@@ -209,7 +209,7 @@ class FrameForms:
         return "; ".join(joints) + others
 
     def _labelled_components(self, names: Iterable[str]) -> Iterator[tuple[str, Expr]]:
-        """Yield every component with its label."""
+        """Yield the label and the expression of every component of the named outputs."""
         for name in names:
             if name == "jacobian":
                 columns = range(1, self._program.dof + 1)
@@ -219,38 +219,40 @@ class FrameForms:
                 labels = [f"{name}_{''.join(axes)}" for axes in itertools.product("xyz", repeat=1 + (name == "S"))]
             yield from zip(labels, self._program.results[name], strict=True)
 
-    def _display_lines(self, names: Iterable[str], short: bool) -> list[_Line]:
-        """Return the lines of outputs without those of the Jacobian's columns that are 0."""
+    def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
+        """Return the equation lines of outputs, without the Jacobian's columns that are always 0."""
         hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
         columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
         return self._ordered_lines(
             [component for component in self._labelled_components(names) if not component[0].endswith(columns)], short
         )
 
-    def _ordered_lines(self, labelled: Iterable[tuple[str, Expr]], short: bool) -> list[_Line]:
-        """Return the lines of components, each after those that it needs."""
-        equal: dict[tuple[bool, Expr], list[str]] = {}
-        for label, expr in labelled:
+    def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
+        """Return the equation lines of labelled components, each after those it needs; equal ones share a line."""
+        labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
+        for label, expr in labelled_components:
             shown = expr if short else self._in_coordinates(expr)
-            equal.setdefault((label.startswith("J"), shown), []).append(label)
-        zeros = [label for (_, expr), labels in equal.items() if expr == 0 for label in labels]
-        rows = [_Line(tuple(labels), expr) for (_, expr), labels in equal.items() if expr != 0]
+            labels_by_expr.setdefault((label.startswith("J"), shown), []).append(label)
+        zeros = [label for (_, expr), labels in labels_by_expr.items() if expr == 0 for label in labels]
+        rows = [_EquationLine(tuple(labels), expr) for (_, expr), labels in labels_by_expr.items() if expr != 0]
         rows = _LineNamer(self._program.definitions, rows).ordered() if short else rows
-        return [*rows, _Line(tuple(zeros), sympy.S.Zero)] if zeros else rows
+        return [*rows, _EquationLine(tuple(zeros), sympy.S.Zero)] if zeros else rows
 
-    def _point_values(self, rows: Iterable[_Line]) -> dict[Expr, Expr]:
+    def _point_values(self, rows: Iterable[_EquationLine]) -> dict[Expr, Expr]:
         """Return the values of points that occur in lines, by symbol."""
         symbols = set().union(*(row.expr.free_symbols for row in rows))
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
-    def _used_trig(self, rows: Iterable[_Line]) -> dict[Expr, Expr]:
-        """Return the sines and cosines that occur in lines, by symbol."""
-        symbols = set().union(*(row.expr.free_symbols for row in rows))
-        used = [item for item in self._program.waves.items() if item[0] in symbols]
-        return dict(sorted(used, key=lambda item: (item[0].name.count(","), len(item[0].name), item[0].name[2:])))
+    def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
+        """Return the sines and cosines that occur in lines, by symbol in the order of display."""
+        symbols = set().union(*(row.expr.free_symbols for row in lines))
+        used_items = [item for item in self._program.waves.items() if item[0] in symbols]
+        return dict(
+            sorted(used_items, key=lambda item: (item[0].name.count(","), len(item[0].name), item[0].name[2:]))
+        )
 
     def _in_coordinates(self, expr: Expr) -> Expr:
-        """Return a component as an expression in q and qd."""
+        """Return an expression in q and qd in place of one with symbols of sums, sines and cosines."""
         while defined := expr.free_symbols & self._program.definitions.keys():
             expr = expr.xreplace({symbol: self._program.definitions[symbol] for symbol in defined})
         return expr.xreplace(self._program.waves)
@@ -262,7 +264,7 @@ class FrameForms:
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the source of the Python function of one output."""
+        """Return the Python source of the function that computes one output."""
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
@@ -274,7 +276,7 @@ class FrameForms:
         takes = f"{' and '.join(arguments)} of shape {shape_text((self._program.dof,))}"
         lines = [
             f"def {name}({', '.join((*arguments, *points))}):",
-            f'    """{name}: {_OUTPUT_DESCRIPTIONS[name]}; {takes} give{"s" * (not moves)} {shape_text(tail)}."""',
+            f'    """{name}: {_DESCRIPTION_BY_OUTPUT[name]}; {takes} give{"s" * (not moves)} {shape_text(tail)}."""',
             *(f"    {argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
         ]
         for argument, coordinates in (("q", self.q), ("qd", self.qd)):
@@ -299,14 +301,14 @@ class FrameForms:
 
 
 class _LineNamer:
-    """Orders lines so that each needs earlier ones only, and names repeated expressions: k_1, k_2."""
+    """Orders equation lines so that each needs earlier ones only, and names repeated expressions k_1, k_2."""
 
-    def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_Line]) -> None:
+    def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
         self._definitions = definitions
-        self._lines: list[_Line] = []
+        self._lines: list[_EquationLine] = []
         self._names: dict[Expr, Expr] = {}  # by symbol: the label or name that replaces it in later lines
-        self._defining_lines: dict[Expr, _Line] = {}  # lines whose labels define a symbol
-        self._components: list[_Line] = []
+        self._defining_lines: dict[Expr, _EquationLine] = {}  # lines whose labels define a symbol
+        self._components: list[_EquationLine] = []
         for row in rows:
             symbol = _defined_symbol(row, definitions)
             if symbol is not None:
@@ -315,14 +317,14 @@ class _LineNamer:
         self._uses = self._count_uses()
         self._name_count = 0
 
-    def ordered(self) -> list[_Line]:
-        """Return the lines, each after those that it needs."""
+    def ordered(self) -> list[_EquationLine]:
+        """Return the equation lines, each after those that it needs."""
         for row in self._components:
             self._add_line(row)
         return self._lines
 
     def _count_uses(self) -> Counter[Expr]:
-        """Count how often each symbol is used in the lines and in the definitions that they need."""
+        """Return how often each symbol is used in the lines and in the definitions that they need."""
         uses: Counter[Expr] = Counter()
         waiting = [row.expr for row in self._components]
         while waiting:
@@ -333,14 +335,14 @@ class _LineNamer:
                         waiting.append(self._definitions[part])
         return uses
 
-    def _add_line(self, row: _Line) -> None:
-        """Add the line of a component after the lines that it needs."""
+    def _add_line(self, row: _EquationLine) -> None:
+        """Add the line of a component, after adding the lines that it needs."""
         symbol = _defined_symbol(row, self._definitions)
         if symbol is None or symbol in self._names or self._defining_lines[symbol] is not row:
-            self._lines.append(_Line(row.labels, self._replace_symbols(row.expr)))
+            self._lines.append(_EquationLine(row.labels, self._replace_symbols(row.expr)))
             return
         sign = 1 if symbol == row.expr else -1
-        self._lines.append(_Line(row.labels, sign * self._replace_symbols(self._definitions[symbol])))
+        self._lines.append(_EquationLine(row.labels, sign * self._replace_symbols(self._definitions[symbol])))
         self._names[symbol] = sign * sympy.Symbol(row.labels[0], real=True)
 
     def _replace_symbols(self, expr: Expr) -> Expr:
@@ -349,19 +351,19 @@ class _LineNamer:
         return expr.xreplace({symbol: self._resolved_symbol(symbol) for symbol in defined})
 
     def _resolved_symbol(self, symbol: Expr) -> Expr:
-        """Return the name of a symbol, or its definition where it is used once."""
+        """Return the name of a symbol, after adding its line, or its definition where the symbol is used once."""
         if symbol not in self._names:
             meaning = self._replace_symbols(self._definitions[symbol])
             if self._uses[symbol] == 1:
                 return meaning
             self._name_count += 1
             name = f"k_{self._name_count}"
-            self._lines.append(_Line((name,), meaning))
+            self._lines.append(_EquationLine((name,), meaning))
             self._names[symbol] = sympy.Symbol(name, real=True)
         return self._names[symbol]
 
 
-def _defined_symbol(row: _Line, definitions: Mapping[Expr, Expr]) -> Expr | None:
+def _defined_symbol(row: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
     """Return the symbol that a line defines, with either sign; None where it defines none."""
     return next((symbol for symbol in (row.expr, -row.expr) if symbol in definitions), None)
 
@@ -378,7 +380,7 @@ def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[s
 
 
 def _with_decimals(expr: Expr) -> Expr:
-    """Return an expression whose numbers that are no integers are decimals, each as one symbol."""
+    """Return an expression in which each number that is no integer is a symbol, whose name is its decimal text."""
     if not expr.free_symbols:
         value = constant_value(expr)
         symbol = expr if expr.is_Integer else sympy.Symbol(repr(abs(value)))

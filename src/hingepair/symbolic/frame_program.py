@@ -33,33 +33,33 @@ VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
 MatrixExpr: TypeAlias = tuple[Expr, ...]
 """Nine entries, row by row."""
 
-SYMBOLIC_POINTS: Final = "u"
+SYMBOLIC_POINTS_OPTION: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
-_PARALLEL_TOLERANCE: Final = 16 * 2.0**-53
+_PARALLEL_AXES_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
-_RIGHT_ANGLE_TOLERANCE: Final = 4 * 2.0**-53
+_RIGHT_ANGLE_AND_ZERO_TOLERANCE: Final = 4 * 2.0**-53
 """Rounding error of a right angle [rad], and of a component relative to the largest."""
 _ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 # The rotation by no angle, row by row.
-_IDENTITY_MATRIX: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
+_IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
 
 class _Lever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints."""
+    """Vector that is fixed in a body of a group of parallel joints, and the angle by which the group rotates it."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
 class _HingePart(NamedTuple):
-    """Hinge that belongs to a group of parallel joints."""
+    """Hinge in a group of parallel joints: its column in q and the ratio of its rate to the coordinate's."""
 
     column: int  # of its coordinate in q
     ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
 class _SliderPart(NamedTuple):
-    """Slider that belongs to a group of parallel joints."""
+    """Slider in a group of parallel joints: its direction, rotation angle, position, and column in q."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     direction: VectorExpr  # at angle 0, in the axes of the group
@@ -84,18 +84,18 @@ class _ParallelJoints:
         self.parts: list[_Lever | _HingePart | _SliderPart] = []
 
     def sign(self, axis: Float64Array) -> int:
-        """Return 1 or -1 where an axis, in the last body's axes, is parallel to the group's; else 0."""
+        """Return 1 or -1 if an axis, in the last body's axes, is parallel or opposite to the group's; else 0."""
         if self.direction is None:
             return 0
         turned = self.fixed @ axis
-        return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_TOLERANCE), 0)
+        return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_AXES_TOLERANCE), 0)
 
     def to_group_axes(self, vector: Sequence[Expr]) -> VectorExpr:
         """Return a vector of the last body at angle 0, in the axes of the group."""
         return _vector(eq.rotate(self.fixed_rotation(), tuple(vector)))
 
     def append_lever(self, point: Sequence[Expr]) -> None:
-        """Append a lever of the last body; one along the group's axis does not rotate."""
+        """Append a vector that is fixed in the last body, such as that to a joint's point, to the group's parts."""
         vector = self.to_group_axes(point)
         turns = any(eq.cross(self.axis, vector))
         self.parts.append(_Lever(self.angle if turns else sympy.S.Zero, vector))
@@ -105,14 +105,14 @@ class _ParallelJoints:
         return tuple(exact_entry(entry) for entry in self.fixed.ravel().tolist())
 
     def append_rotation(self, S: Float64Array) -> None:
-        """Append a fixed rotation; one about the group's own axis becomes a part of the angle."""
+        """Rotate the last body's axes by the matrix S; add to the group's angle instead if S has the group's axis."""
         n = None if self.direction is None else self.fixed.T @ self.direction
-        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_TOLERANCE:
+        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_TOLERANCE:
             doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
             angle = math.atan2(float(n @ doubled_sines) / 2, float(np.trace(S) - 1) / 2)
             quarters = round(angle / (math.pi / 2))
-            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_TOLERANCE
-            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_TOLERANCE) > 1):
+            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_AND_ZERO_TOLERANCE
+            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_AXES_TOLERANCE) > 1):
                 self.angle += exact_angle(angle)
                 return
         self.fixed = self.fixed @ S  # a right angle about x, y or z only exchanges components
@@ -124,8 +124,8 @@ class FrameProgram:
     Args:
         tree: the robot, whose base rests at the origin.
         frame: one of its frames.
-        symbolic: if POINT_SYMBOLS is in it, components of points of joints and of the frame's origin that are not 0
-            are symbols.
+        symbolic: if it contains SYMBOLIC_POINTS_OPTION, components of joint points and of the frame's origin that are
+            not 0 are symbols.
 
     Attributes:
         results: components by output: R (3), S (9, row by row), jacobian (6 dof, row by row), v (3), omega (3).
@@ -146,7 +146,7 @@ class FrameProgram:
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
         self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
-        self._points_are_symbols = SYMBOLIC_POINTS in symbolic
+        self._points_are_symbols = SYMBOLIC_POINTS_OPTION in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
         chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})
@@ -160,10 +160,10 @@ class FrameProgram:
 
     # ---- groups of joints
 
-    def _groups(self, tree: Tree, chain: Sequence[int]) -> list[_ParallelJoints]:
-        """Group the joints of a path by parallel axes."""
+    def _groups(self, tree: Tree, joint_numbers: Sequence[int]) -> list[_ParallelJoints]:
+        """Return the joints of a path, counted from 1, in groups of consecutive joints with parallel axes."""
         groups = [_ParallelJoints()]
-        for number in chain:
+        for number in joint_numbers:
             joint, group = tree.joints[number - 1], groups[-1]
             column = self._column(tree, joint)
             ratio, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
@@ -193,12 +193,12 @@ class FrameProgram:
         return self._columns[leader.name]
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
-        """Return a point as exact numbers, or with symbols for its components that are not 0."""
+        """Return a point [m] as exact numbers, or as new symbols for components not 0 where points are symbolic."""
         size = float(np.abs(point).max())
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
-            if abs(value) <= _RIGHT_ANGLE_TOLERANCE * size:
+            if abs(value) <= _RIGHT_ANGLE_AND_ZERO_TOLERANCE * size:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:
@@ -211,14 +211,14 @@ class FrameProgram:
     # ---- sines, cosines and named sums
 
     def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
-        """Return the rotation about a group's axis (E6), in symbols of the sine and the cosine of the angle."""
+        """Return the rotation matrix about a group's axis (E6), in symbols of the angle's sine and cosine."""
         if not angle:
-            return _IDENTITY_MATRIX
+            return _IDENTITY_MATRIX_EXPR
         s, c = self._trig_of(angle)
         return tuple(sympy.expand(entry) for entry in eq.hinge_rotation(axis, (s, 1 - c)))
 
     def _trig_of(self, angle: Expr) -> tuple[Expr, Expr]:
-        """Return the symbols of the sine and the cosine of an angle: s_23 and c_23 of q_2 + q_3."""
+        """Return symbols of an angle's sine and cosine, s_23 and c_23 of q_2 + q_3; define them at first use."""
         indices = [number for number, q in enumerate(self.q, 1) if q in angle.free_symbols]
         if angle.coeff(self.q[indices[0] - 1]).is_negative:
             s, c = self._trig_of(-angle)
@@ -233,11 +233,11 @@ class FrameProgram:
         return self._trig_symbols[angle]
 
     def _name_sums(self, parts: Sequence[Expr]) -> tuple[Expr, ...]:
-        """Name the components that are sums; return all components."""
+        """Return components with a symbol, defined at first use, in place of each that is a sum."""
         return tuple(self._name_sum(sympy.sympify(expr)) for expr in parts)
 
     def _name_sum(self, expr: Expr) -> Expr:
-        """Return the name of a sum, with its sign; other expressions as they are."""
+        """Return a symbol for a sum, defined at first use, with its sign; other expressions stay as they are."""
         if not expr.is_Add:
             return expr
         if expr.could_extract_minus_sign():
@@ -252,7 +252,7 @@ class FrameProgram:
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
         """Return the attitudes at the starts of the groups and of the frame, and those after each rotation."""
-        attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX]
+        attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX_EXPR]
         rotated: list[MatrixExpr] = []
         for group in groups:
             rotated.append(self._name_sums(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
@@ -265,7 +265,7 @@ class FrameProgram:
         attitudes: Sequence[MatrixExpr],
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return position, Jacobian and velocities from the levers from each joint's point to the frame."""
+        """Return R, jacobian, v and omega of the frame by name, from the levers from each joint to the frame."""
         lever = _ZERO_VECTOR_EXPR
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
         v, omega = _ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR
@@ -320,12 +320,12 @@ class FrameProgram:
         return {name: self._name_sums(parts) for name, parts in named.items()}
 
     def _named_vector(self, parts: Sequence[Expr]) -> VectorExpr:
-        """Name the components of a vector that are sums."""
+        """Return a vector with a symbol, defined at first use, in place of each component that is a sum."""
         return _vector(self._name_sums(parts))
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
-    """Return the numbers of the joints from the base to a body."""
+    """Return the numbers, counted from 1, of the joints from the base to a body."""
     numbers = []
     while body:
         numbers.append(body)

@@ -16,24 +16,24 @@ import sympy
 
 from hingepair.symbolic.kinks import Choice, Expr, Remainder, SideOfZero, Where, constant_value
 
-Jet: TypeAlias = tuple[Expr, Expr, Expr]
+ValueAndDerivatives: TypeAlias = tuple[Expr, Expr, Expr]
 """Value, first and second derivative by t."""
 
 SYMPY_ERRORS: Final = (ArithmeticError, AttributeError, NotImplementedError, RecursionError, TypeError, ValueError)
 """Errors that SymPy raises on unusual but harmless expressions, such as asin(cos(1e300))."""
 
-MAX_BITS: Final = 4_096
+MAX_NUMBER_BITS: Final = 4_096
 """Largest number of bits of the numerator and of the denominator of an exact number."""
 
-SMOOTH_FUNCTIONS: Final = (
+SMOOTH_FUNCTION_NAMES: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
     *("asinh", "acosh", "atanh", "exp", "log", "sqrt"),
 )
-"""Functions of the same name in SymPy and in math."""
+"""Names of functions that SymPy and math share."""
 
 # Names of the functions that are compiled to NumPy.
-_COMPILED_FUNCTIONS = (
-    *SMOOTH_FUNCTIONS,
+_COMPILED_FUNCTION_NAMES = (
+    *SMOOTH_FUNCTION_NAMES,
     "Abs",
     "sign",
     "floor",
@@ -59,8 +59,8 @@ def bit_length(number: Expr) -> int:
     return max(int(number.p).bit_length(), int(number.q).bit_length())
 
 
-class JetProgram:
-    """Program of steps that compute expressions and their derivatives from t.
+class DerivativeProgram:
+    """Program of steps that compute expressions and two derivatives from t; it grows with each expression.
 
     Attributes:
         steps: pairs of a name and its expression in t and earlier names.
@@ -71,25 +71,27 @@ class JetProgram:
         self.steps: list[tuple[Expr, Expr]] = []
         self.switches: list[Expr] = []
         self._names: dict[Expr, Expr] = {}
-        self._jets: dict[Expr, Jet] = {}
+        self._derivatives: dict[Expr, ValueAndDerivatives] = {}
         self._sides: dict[Expr, Expr] = {}
         self._constants: dict[Expr, Expr] = {}
 
-    def jet(self, expr: Expr) -> Jet:
-        """Return the jet of an expression in t, each part a number, t, or the name of a step.
+    def value_and_derivatives(self, expr: Expr) -> ValueAndDerivatives:
+        """Return value, first and second derivative of an expression in t; each is a number, t, or a step's symbol.
 
         Raises:
             NotRealError: one of them is not real and finite.
         """
-        if expr not in self._jets:
+        if expr not in self._derivatives:
             zero, one = sympy.S.Zero, sympy.S.One
             if not expr.free_symbols:
-                self._jets[expr] = (self._name(expr), zero, zero)
+                self._derivatives[expr] = (self._name_step(expr), zero, zero)
             elif expr.is_Symbol:
-                self._jets[expr] = (expr, one if expr == time_symbol() else zero, zero)
+                self._derivatives[expr] = (expr, one if expr == time_symbol() else zero, zero)
             else:
-                self._jets[expr] = self._combine(expr, [self.jet(part) for part in expr.args])
-        return self._jets[expr]
+                self._derivatives[expr] = self._combine(
+                    expr, [self.value_and_derivatives(part) for part in expr.args]
+                )
+        return self._derivatives[expr]
 
     def value(self, result: Expr) -> float | None:
         """Return the float that a result is, or None where it depends on t."""
@@ -97,7 +99,7 @@ class JetProgram:
         return None if constant.free_symbols else constant_value(constant)
 
     def steps_for(self, results: list[Expr]) -> list[tuple[Expr, Expr]]:
-        """Return the steps that some results need, in order."""
+        """Return the steps, (symbol, expression), that some results need, in the order of computation."""
         names = set().union(*(result.free_symbols for result in results))
         steps = []
         for name, step in reversed(self.steps):
@@ -106,31 +108,40 @@ class JetProgram:
                 names |= step.free_symbols
         return steps[::-1]
 
-    def _combine(self, expr: Expr, jets: list[Jet]) -> Jet:
-        """Return the jet of an expression from the jets of its arguments."""
+    def _combine(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
+        """Return value and derivatives of an expression from those of its arguments; add steps that compute them."""
         if expr.is_Mul:
-            return functools.reduce(self._multiply, jets)
-        value = expr.func(*[value for value, _, _ in jets])
+            return functools.reduce(self._multiply, argument_derivatives)
+        value = expr.func(*[value for value, _, _ in argument_derivatives])
         match expr:
             case sympy.Add():
-                return self._name(value), *(self._name(sympy.Add(*[jet[k] for jet in jets])) for k in (1, 2))
+                return self._name_step(value), *(
+                    self._name_step(sympy.Add(*[one[k] for one in argument_derivatives])) for k in (1, 2)
+                )
             case Remainder():
-                self.switches.append(self._name(sympy.floor(jets[0][0] / jets[1][0])))
-                return self._name(value), *jets[0][1:]
+                self.switches.append(
+                    self._name_step(sympy.floor(argument_derivatives[0][0] / argument_derivatives[1][0]))
+                )
+                return self._name_step(value), *argument_derivatives[0][1:]
             case sympy.Abs():
-                guard, x, y = expr.args[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0))
+                guard, x, y = (
+                    expr.args[0],
+                    argument_derivatives[0],
+                    self._multiply(argument_derivatives[0], (sympy.S.NegativeOne, 0, 0)),
+                )
             case sympy.sign():
                 guard, x, y = expr.args[0], *[(sympy.S.Zero,) * 3] * 2
             case Choice():
-                guard, x, y = expr.guard, *jets[-2:]
+                guard, x, y = expr.guard, *argument_derivatives[-2:]
             case _:
-                return self._differentiate(value, jets)
+                return self._differentiate(value, argument_derivatives)
         side = self._side(guard)
         self.switches.append(side)
-        return self._name(value), *(self._name(Where(side, x[k], y[k])) for k in (1, 2))  # derivatives from the right
+        # Derivatives from the right.
+        return self._name_step(value), *(self._name_step(Where(side, x[k], y[k])) for k in (1, 2))
 
     def _side(self, guard: Expr) -> Expr:
-        """Return 1 or -1, the side of zero of a guard just after t; a combined guard is judged by its parts."""
+        """Return the symbol of a step that gives 1 or -1: the sign of a guard, or of its parts, just after t."""
         if guard not in self._sides:
             match guard:
                 case Choice():
@@ -138,20 +149,20 @@ class JetProgram:
                 case sympy.Number():
                     side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne
                 case _:
-                    side = SideOfZero(*self.jet(guard))
-            self._sides[guard] = self._name(side)
+                    side = SideOfZero(*self.value_and_derivatives(guard))
+            self._sides[guard] = self._name_step(side)
         return self._sides[guard]
 
-    def _multiply(self, a: Jet, b: Jet) -> Jet:
-        """Return the jet of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
+    def _multiply(self, a: ValueAndDerivatives, b: ValueAndDerivatives) -> ValueAndDerivatives:
+        """Return value and derivatives of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
         first = a[1] * b[0] + a[0] * b[1]
         second = a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]
-        return self._name(a[0] * b[0]), self._name(first), self._name(second)
+        return self._name_step(a[0] * b[0]), self._name_step(first), self._name_step(second)
 
-    def _differentiate(self, expr: Expr, jets: list[Jet]) -> Jet:
-        """Return the jet of f(u, v) by the chain rule; expr is f in terms of the names of u and v."""
-        parts = {value: (first, second) for value, first, second in jets if value.is_Symbol}
-        value, first, second = self._name(expr), 0, 0
+    def _differentiate(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
+        """Return value and derivatives of f(u, v) by the chain rule; expr is f in terms of the symbols of u and v."""
+        parts = {value: (first, second) for value, first, second in argument_derivatives if value.is_Symbol}
+        value, first, second = self._name_step(expr), 0, 0
         for u, (ud, udd) in parts.items():
             slope = expr.diff(u)
             _check_real(slope)
@@ -159,15 +170,15 @@ class JetProgram:
             second += self._share(slope) * udd
             for v, (vd, _) in parts.items():
                 second += self._share(slope.diff(v)) * ud * vd
-        return value, self._name(first), self._name(second)
+        return value, self._name_step(first), self._name_step(second)
 
     def _share(self, expr: Expr) -> Expr:
         """Replace functions in an expression by steps of their own, since f, f' and f'' mostly share them."""
         functions = [f for f in expr.atoms(sympy.Function) if all(part.is_Atom for part in f.args)]
-        return expr.xreplace({f: self._name(f) for f in functions})
+        return expr.xreplace({f: self._name_step(f) for f in functions})
 
-    def _name(self, expr: Expr) -> Expr:
-        """Return the name of a step that computes an expression; rational numbers and names stand for themselves."""
+    def _name_step(self, expr: Expr) -> Expr:
+        """Return the symbol of a step that computes an expression, added at first use; numbers and symbols stay."""
         expr = sympy.sympify(expr)
         if expr.free_symbols <= self._constants.keys():
             expr = expr.xreplace(self._constants)
@@ -185,10 +196,10 @@ class JetProgram:
 
 
 def _check_real(expr: Expr) -> None:
-    """Refuse expressions that NumPy cannot evaluate in real numbers."""
+    """Check that NumPy can evaluate an expression in real numbers; raise NotRealError if not."""
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
-    if any(bit_length(number) > MAX_BITS for number in expr.atoms(sympy.Rational)):
+    if any(bit_length(number) > MAX_NUMBER_BITS for number in expr.atoms(sympy.Rational)):
         raise NotRealError("a number of too many digits")
     if not all(math.isfinite(constant_value(constant)) for constant in _constant_parts(expr)):
         raise NotRealError("a number that is not real or past the range of floats")
@@ -196,12 +207,12 @@ def _check_real(expr: Expr) -> None:
         if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
             raise NotRealError(f"a power of the negative number {power.base}")
     for function in expr.atoms(sympy.Function, sympy.Derivative, sympy.Subs, sympy.Piecewise):
-        if type(function).__name__ not in _COMPILED_FUNCTIONS:
+        if type(function).__name__ not in _COMPILED_FUNCTION_NAMES:
             raise NotRealError(f"{type(function).__name__}(...)")
 
 
 def _constant_parts(expr: Expr) -> Iterator[Expr]:
-    """Yield the largest parts without t."""
+    """Yield the largest parts of an expression that have no symbols."""
     parts = sympy.preorder_traversal(expr)
     for part in parts:
         if not part.free_symbols:

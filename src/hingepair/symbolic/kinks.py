@@ -21,7 +21,7 @@ def real_symbol(name: str) -> Expr:
 
 
 def constant_value(expr: Expr) -> float:
-    """Return the float nearest to an expression without t; not finite where there is none."""
+    """Return the float nearest to an expression without t; inf or NaN where there is none."""
     if expr.is_Rational:
         try:
             return int(expr.p) / int(expr.q)
@@ -47,7 +47,7 @@ sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
 
 
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """Function with kinks or jumps; `numpy`, `text` and `latex` are its notations, with arguments {0}, {1}."""
+    """Base of SymPy functions with kinks; `numpy`, `text`, `latex` are their notations with arguments {0}, {1}."""
 
     is_real = True
     numpy = text = latex = ""
@@ -61,7 +61,7 @@ class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
 
 
 class Choice(Kinked):
-    """Choice between the last two arguments: the first of them where `guard` is at least 0, else the second."""
+    """Base of choices between the last two arguments: the first where `guard` is at least 0, else the second."""
 
     guard: Expr
 
@@ -70,7 +70,7 @@ class Choice(Kinked):
 
 
 class Where(Choice):
-    """`Where(guard, x, y)`: x where guard >= 0, else y; NaN where the guard is.
+    """SymPy function `Where(guard, x, y)`: x where guard >= 0, else y; NaN where the guard is.
 
     >>> t = sympy.Symbol("t", real=True)
     >>> Where(t - 1, t**2, 0).diff(t), Where(-1, t, 0), Where(Where(t, -1, 1), 2, 3)
@@ -85,7 +85,7 @@ class Where(Choice):
 
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
-        """Simplify a choice that does not depend on t, or whose guard is another choice between constants."""
+        """Return a simpler form of a choice, where its guard has no t or chooses between constants; else None."""
         if not guard.free_symbols:
             return x if constant_value(guard) >= 0 else y
         if x == y:
@@ -96,7 +96,7 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """Maximum or minimum of two arguments."""
+    """Base of the SymPy functions for the larger and the smaller of two arguments."""
 
     nargs = 2
     sense = 0
@@ -110,21 +110,21 @@ class Extreme(Choice):
 
 
 class Larger(Extreme):
-    """Larger of two arguments."""
+    """SymPy function for the larger of two arguments."""
 
     sense = 1
     numpy, text, latex = "numpy.maximum({0}, {1})", "max({0}, {1})", r"\max\left({0}, {1}\right)"
 
 
 class Smaller(Extreme):
-    """Smaller of two arguments."""
+    """SymPy function for the smaller of two arguments."""
 
     sense = -1
     numpy, text, latex = "numpy.minimum({0}, {1})", "min({0}, {1})", r"\min\left({0}, {1}\right)"
 
 
 class Remainder(Kinked):
-    """`Remainder(x, period)`: x less whole periods, at least 0 and below the period, which is a positive number."""
+    """SymPy function `Remainder(x, period)`: x less whole periods, from 0 to below the period, a positive number."""
 
     nargs = 2
     numpy, text, latex = "numpy.mod({0}, {1})", "mod({0}, {1})", r"\left({0} \bmod {1}\right)"
@@ -139,7 +139,7 @@ class Remainder(Kinked):
 
 
 class SideOfZero(Kinked):
-    """`SideOfZero(g, g', g'')`: 1 or -1, on which side of zero g is just after t; NaN where g is.
+    """SymPy function `SideOfZero(g, g', g'')`: 1 or -1, the sign of g just after t; NaN where g is.
 
     It occurs in guards only, where text shows g instead.
     """

@@ -9,43 +9,45 @@ from typing import Final
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import Writer, join_terms, latex_name, signed_terms, to_text
 
-_MAX_LATEX_WIDTH: Final = 90  # characters of the terms, as plain text, in a line of LaTeX
-_INDENT: Final = " " * 6  # of continued lines
+_MAX_LATEX_LINE_CHARACTERS: Final = 90  # characters of the terms, as plain text, in a line of LaTeX
+_CONTINUATION_INDENT: Final = " " * 6  # of continued lines
 _NO_BREAK_SPACE: Final = "\N{NO-BREAK SPACE}"  # a blank at which no line is broken
 
 
 def wrap_equation(line: str, width: int) -> str:
-    """Break a line after semicolons, where there are none before + or -, and otherwise at any blank."""
+    """Return a line broken to a width: after semicolons, where there are none before + or -, else at any blank."""
     pieces = [line]
     for breaks in ((("; ", ";\0"),), ((" + ", "\0+ "), (" - ", "\0- ")), ((" ", "\0"),)):
         pieces = [part for piece in pieces for part in _break_line(piece, breaks, width)]
     return "\n".join(pieces)
 
 
-def _break_line(line: str, breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return the pieces of a line that is broken only at a null character in the second text of each pair."""
+def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
+    """Return a line wrapped to a width; each pair is a text and its copy with a null character where it may break."""
     fixed = line.lstrip()
-    for place, marked in breaks:
-        fixed = fixed.replace(place, marked)
+    for text, marked_text in marked_breaks:
+        fixed = fixed.replace(text, marked_text)
     fixed = fixed.replace(" ", _NO_BREAK_SPACE).replace("\0", " ")
     pieces = textwrap.wrap(
         fixed,
         width,
-        initial_indent=_INDENT if line.startswith(_INDENT) else "",
-        subsequent_indent=_INDENT,
+        initial_indent=_CONTINUATION_INDENT if line.startswith(_CONTINUATION_INDENT) else "",
+        subsequent_indent=_CONTINUATION_INDENT,
         break_long_words=False,
         break_on_hyphens=False,
     )
     return [piece.replace(_NO_BREAK_SPACE, " ") for piece in pieces]
 
 
-def latex_lines(label: str, terms: Sequence[Expr], write: Writer) -> list[str]:
-    """Return the lines of one equation in an align* environment."""
+def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[str]:
+    """Return the lines of the LaTeX equation `label = sum of terms` for an align* environment."""
     lines: list[str] = []
     line, filled = f"{latex_name(label)} &=", 0
-    for text, term in zip([join_terms(terms[:1], write), *signed_terms(terms[1:], write)], terms, strict=True):
+    for text, term in zip(
+        [join_terms(terms[:1], format_term), *signed_terms(terms[1:], format_term)], terms, strict=True
+    ):
         size = len(to_text(term))
-        if filled + size > _MAX_LATEX_WIDTH and filled:
+        if filled + size > _MAX_LATEX_LINE_CHARACTERS and filled:
             lines.append(line)
             line, filled = "&\\quad", 0
         line += f" {text}"
@@ -59,7 +61,7 @@ def align_environment(lines: Sequence[str]) -> str:
 
 
 def title_suffix(title: str) -> str:
-    """Return what a title adds to the first line of a module's docstring: a colon and the title."""
+    """Return a colon and the title, for the first line of a module's docstring; empty without a title."""
     text = docstring_text(title)
     return f": {text}" if text else ""
 
@@ -69,10 +71,10 @@ def docstring_text(text: str) -> str:
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 
-def shape_text(tail: Sequence[int]) -> str:
-    """Return the shape of an array whose leading axes are those of the arguments.
+def shape_text(trailing_shape: Sequence[int]) -> str:
+    """Return the text of an array's shape, "(..., 3, 3)" for the trailing shape (3, 3).
 
     >>> shape_text(()), shape_text((3, 3))
     ('(...)', '(..., 3, 3)')
     """
-    return f"(..., {', '.join(map(str, tail))})" if tail else "(...)"
+    return f"(..., {', '.join(map(str, trailing_shape))})" if trailing_shape else "(...)"

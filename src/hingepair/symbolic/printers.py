@@ -20,15 +20,16 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 _MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
-_MAX_FRACTION_PART: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
+_MAX_FRACTION_INTEGER: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
 _MAX_EXACT_INTEGER: Final = 2**53  # integers below are exact as floats
-_MAX_EXACT_LENGTH: Final = 18  # characters of an exact number; a longer one is printed as a decimal of 17 digits
-_MIN_TERM_SHARE: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+# Characters of an exact number; a longer one is printed as a decimal of 17 digits.
+_MAX_EXACT_NUMBER_LENGTH: Final = 18
+_MIN_SUM_TO_TERM_RATIO: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
-_MAX_DECIMAL_DENOMINATOR: Final = 4
-_GREEK_LETTERS = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
-_LATEX_NAMES = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
-_SUPERSCRIPT_DIGITS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
+_MAX_SMALL_DENOMINATOR: Final = 4
+_GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
+_LATEX_BY_SYMBOL_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
+_SUPERSCRIPT_TRANSLATION = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
 
 Writer: TypeAlias = Callable[[Expr], str]
 """Function that formats an expression as text."""
@@ -46,11 +47,13 @@ def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
     return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
 
 
-def with_symbols(exprs: Iterable[Expr], mark: str) -> list[Expr]:
-    """Replace functions of t and their derivatives by symbols: psi, psi', psi'' with the mark '."""
+def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
+    """Return expressions with symbols for functions of t and their derivatives: psi, psi', psi'' with the mark '."""
     expressions = list(exprs)
     symbols = {
-        function.diff((*function.args, order)): sympy.Symbol(f"{function.func.__name__}{mark * order}", real=True)
+        function.diff((*function.args, order)): sympy.Symbol(
+            f"{function.func.__name__}{derivative_mark * order}", real=True
+        )
         for function in set().union(*(expr.atoms(AppliedUndef) for expr in expressions))
         for order in range(3)
     }
@@ -58,7 +61,7 @@ def with_symbols(exprs: Iterable[Expr], mark: str) -> list[Expr]:
 
 
 def latex_name(name: str) -> str:
-    r"""Convert a symbol's name to LaTeX: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
+    r"""Return the LaTeX of a symbol's name: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
 
     >>> latex_name("phi_x'"), latex_name("u1_x")
     ('\\dot{\\phi}_{x}', 'u_{1,x}')
@@ -67,27 +70,31 @@ def latex_name(name: str) -> str:
     letter, _, index = bare.partition("_")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    if letter in _LATEX_NAMES:
-        letter = _LATEX_NAMES[letter]
+    if letter in _LATEX_BY_SYMBOL_NAME:
+        letter = _LATEX_BY_SYMBOL_NAME[letter]
     else:
         letter = (
-            f"\\{letter}" if letter in _GREEK_LETTERS else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
+            f"\\{letter}"
+            if letter in _GREEK_LETTER_BY_NAME
+            else letter
+            if len(letter) == 1
+            else f"\\mathrm{{{letter}}}"
         )
     dots = len(name) - len(bare)
     dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal_text(value: Expr, readable: int = _MAX_READABLE_DENOMINATOR) -> str | None:
-    """Return a rational number as a decimal where a fraction is harder to read; None where it is not."""
-    if value.q <= readable and abs(value.p) < _MAX_EXACT_INTEGER:
+def _decimal_text(value: Expr, max_denominator: int = _MAX_READABLE_DENOMINATOR) -> str | None:
+    """Return the decimal text of a rational number whose fraction is harder to read; None for another."""
+    if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_FRACTION_PART else None
+    return _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_FRACTION_INTEGER else None
 
 
 def _seventeen_digits(value: Expr) -> str:
-    """Return a rational number to 17 digits, also beyond the range of floats."""
+    """Return the text of a rational number to 17 digits, also beyond the range of floats."""
     with contextlib.suppress(OverflowError):
         number = int(value.p) / int(value.q)
         if number:
@@ -112,7 +119,7 @@ def _is_root(power: Expr) -> bool:
     return bool(power.exp == sympy.Rational(1, 2))
 
 
-class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
+class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
     """Printer of NumPy source, names with their module; a part without symbols is printed as its nearest float.
 
     A NumPy float overflows to inf, where a Python number raises or, as a large integer, has no sine.
@@ -122,7 +129,7 @@ class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
-        """Format an expression; a part without symbols as its nearest float."""
+        """Return the source of an expression; a part without symbols is its nearest float."""
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
             if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_INTEGER:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
@@ -131,15 +138,17 @@ class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
         return str(super()._print(expr, **settings))
 
 
-_SYMPY_NAMES: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}  # of functions with kinks
+# SymPy's names of functions with kinks.
+_SYMPY_NAME_BY_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
 
 
-class _SymPySource(StrPrinter):  # type: ignore[misc]
+class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
     """Printer of source that `sympy.sympify` reads, in SymPy's own functions."""
 
     def _print_Function(self, expr: Expr) -> str:
-        if type(expr) in _SYMPY_NAMES:
-            return f"{_SYMPY_NAMES[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        """Return the text of a function call, with SymPy's Max, Min, Mod or Piecewise for functions with kinks."""
+        if type(expr) in _SYMPY_NAME_BY_CLASS:
+            return f"{_SYMPY_NAME_BY_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
             x, y = map(self._print, expr.args[1:])
             return f"Piecewise(({x}, {self._condition_source(expr.guard)}), ({y}, True))"
@@ -179,6 +188,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
+        """Return the LaTeX of a rational number: a fraction, or a decimal where that is easier to read."""
         shown = _decimal_text(expr, self.max_denominator)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
@@ -194,6 +204,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr, exp))
 
     def _print_Mul(self, expr: Expr) -> str:
+        """Return the LaTeX of a product, with a fraction in front of the other factors."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
         if fraction or (coefficient.q == 1 and abs(coefficient) < _MAX_EXACT_INTEGER):
@@ -211,7 +222,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     def _print_Symbol(self, expr: Expr) -> str:
         base, mark, index = expr.name.partition("_")
         bare = base.rstrip("'")
-        return f"{_GREEK_LETTERS.get(bare, bare)}{base[len(bare) :]}{mark}{index}"
+        return f"{_GREEK_LETTER_BY_NAME.get(bare, bare)}{base[len(bare) :]}{mark}{index}"
 
     def _print_Rational(self, expr: Expr) -> str:
         return _decimal_text(expr, self.max_denominator) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
@@ -228,6 +239,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return join_terms(sorted_terms(expr), self._print)
 
     def _print_Function(self, expr: Expr) -> str:
+        """Return the text of a function call; sin and cos of t, 3t and the like need no parentheses."""
         outer, self.needs_parentheses = self.needs_parentheses, False
         arguments = [self._print(part) for part in expr.args]
         self.needs_parentheses = outer
@@ -240,16 +252,18 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     _print_ExpBase = _print_Function  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
+        """Return the text of a power: x², √x, or x^(a + b); one with a negative exponent is a fraction."""
         if _is_inverse(expr):
             return self._print_Mul(expr)
         base = self._parenthesise(expr.base)
         if _is_root(expr):
             return f"√{base}"
         if expr.exp.is_Integer:
-            return base + str(expr.exp).translate(_SUPERSCRIPT_DIGITS)
+            return base + str(expr.exp).translate(_SUPERSCRIPT_TRANSLATION)
         return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
+        """Return the text of a product, with factors of negative exponent behind a slash."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         factors = sympy.Mul.make_args(rest)
         over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_factor_key)
@@ -275,7 +289,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._parenthesise(expr)
 
     def _parenthesise(self, expr: Expr) -> str:
-        """Format an operand of a power or a fraction, in parentheses where it needs them."""
+        """Return the text of an operand of a power or a fraction, in parentheses where it needs them."""
         outer, self.needs_parentheses = self.needs_parentheses, True
         text = self._print(expr)
         self.needs_parentheses = outer
@@ -303,24 +317,26 @@ def with_short_constants(expr: Expr) -> Expr:
 
 def _short_constant(constant: Expr) -> Expr:
     """Return a number as it is, or as the rational number that its shortest decimal writes where that is shorter."""
-    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_LENGTH:
+    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_NUMBER_LENGTH:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _MIN_TERM_SHARE * max(abs(constant_value(term)) for term in sympy.Add.make_args(constant)):
+    if abs(value) <= _MIN_SUM_TO_TERM_RATIO * max(
+        abs(constant_value(term)) for term in sympy.Add.make_args(constant)
+    ):
         return sympy.S.Zero
     return exact(value) if math.isfinite(value) else constant
 
 
 @functools.lru_cache(maxsize=65536)
 def count_symbols(expr: Expr) -> int:
-    """Count how often symbols occur in an expression; x(t) and its derivatives are symbols, numbers are not."""
+    """Return how often symbols occur in an expression; x(t) and its derivatives are symbols, numbers are not."""
     if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
         return 0 if expr.is_number else 1
     return sum(map(count_symbols, expr.args))
 
 
 def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
-    """Sort the terms of a sum: short and light ones first, if possible one without a minus sign in front.
+    """Return the terms of a sum sorted: short and light ones first, if possible one without a minus sign in front.
 
     Terms with equally many symbols are sorted by coefficient, or, with `by_symbols`, by symbols, short names first.
     """
@@ -344,13 +360,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DECIMAL_DENOMINATOR
+    max_denominator = _MAX_SMALL_DENOMINATOR
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DECIMAL_DENOMINATOR
+    max_denominator = _MAX_SMALL_DENOMINATOR
 
 
 # The printers of expressions as functions.
@@ -358,5 +374,5 @@ to_text: Writer = _TextPrinter().doprint
 to_latex: Writer = _LatexPrinter({"order": "none"}).doprint
 to_decimal_text: Writer = _DecimalText().doprint
 to_decimal_latex: Writer = _DecimalLatex({"order": "none"}).doprint
-to_numpy_source: Writer = NumPySource().doprint
-to_sympy_source: Writer = _SymPySource().doprint
+to_numpy_source: Writer = NumPySourcePrinter().doprint
+to_sympy_source: Writer = _SymPySourcePrinter().doprint

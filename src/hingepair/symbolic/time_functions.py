@@ -14,20 +14,20 @@ import sympy
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, NotRealError, time_symbol
+from hingepair.symbolic.jets import SYMPY_ERRORS, DerivativeProgram, NotRealError, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import NumPySource
+from hingepair.symbolic.printers import NumPySourcePrinter
 
 TimeValue: TypeAlias = float | NDArray[np.float64]
 """Samples of a function of time, or a float where it is constant."""
 TimeDerivatives: TypeAlias = tuple[tuple[TimeValue, ...], ...]
 """Values, first derivatives, and so on; each a tuple with one entry per expression."""
 
-_EVALUATION_BLOCK_SAMPLES = 2048  # samples that are computed at a time; intermediate results stay in the cache
+_SAMPLES_PER_EVALUATION_BLOCK = 2048  # samples that are computed at a time; intermediate results stay in the cache
 
 
 class TimeFunctions:
-    """Expressions in t, compiled with their derivatives.
+    """Expressions in t that are evaluated with their exact first and second derivatives by NumPy.
 
     Args:
         expressions: SymPy expressions in `time_symbol()`.
@@ -45,21 +45,21 @@ class TimeFunctions:
 
     def __init__(self, expressions: Sequence[Expr], names: Sequence[str] = (), symbols: Sequence[str] = ()) -> None:
         self._symbols = (time_symbol(), *(sympy.Symbol(symbol, real=True) for symbol in symbols))
-        self._program = JetProgram()
-        self._jets: list[Jet] = []
+        self._program = DerivativeProgram()
+        self._derivatives: list[ValueAndDerivatives] = []
         self._compiled = functools.cache(self._compile)
         expected = "an expression with finite real values and derivatives"
         for i, expr in enumerate(expressions):
             name = names[i] if names else f"expressions[{i}]"
             try:
-                self._jets.append(self._program.jet(expr))
+                self._derivatives.append(self._program.value_and_derivatives(expr))
             except NotRealError as error:
                 raise ArgumentError(name, expected, str(error)) from None
             except SYMPY_ERRORS:
                 raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
     def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
-        """Return (values, first derivatives, ...), each a tuple with one entry per expression.
+        """Return values and derivatives up to an order: a tuple for each order, with one entry per expression.
 
         Entries are arrays of t's shape, or Python floats where they do not depend on t. Samples where an expression
         has no real value, or no derivative, are NaN; at a kink, derivatives are those from the right.
@@ -68,46 +68,46 @@ class TimeFunctions:
             t: instants [s]; shape (...).
             order: order of the highest derivative, at most 2.
         """
-        times, count = np.asarray(t, dtype=np.float64), len(self._jets)
-        rows = self._sample([jet[k] for k in range(order + 1) for jet in self._jets], times.reshape(-1))
+        times, count = np.asarray(t, dtype=np.float64), len(self._derivatives)
+        rows = self._sample([row[k] for k in range(order + 1) for row in self._derivatives], times.reshape(-1))
         arrays = (row if isinstance(row, float) else row.reshape(times.shape) for row in rows)
         values = [array if times.ndim else float(array) for array in arrays]
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *instants_and_values: NDArray[np.float64]) -> tuple[TimeValue, ...]:
         """Return the expressions at instants and values of the symbols, arrays of one shape; constants as floats."""
-        function = self._compiled(tuple(jet[0] for jet in self._jets))
+        function = self._compiled(tuple(value for value, _, _ in self._derivatives))
         with np.errstate(all="ignore"):
             return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*instants_and_values))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether kinks or jumps lie between neighbouring instants, which increase; shape (N - 1,)."""
+        """Return whether a kink or jump lies between neighbouring, increasing instants [s]; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample(self._program.switches, t):
             switched |= np.abs(np.diff(np.broadcast_to(sides, t.shape))) > 0  # False for NaN
         return switched
 
     def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[TimeValue]:
-        """Evaluate results of the program at all instants in blocks; those without t as floats."""
+        """Return results of the program at all instants, evaluated in blocks; those without t as floats."""
         constants = [self._program.value(result) for result in results]
         rows = {result: np.empty(t.shape) for result, value in zip(results, constants, strict=True) if value is None}
         if rows:
             function = self._compiled(tuple(rows))
             with np.errstate(all="ignore"):
-                for start in range(0, t.size, _EVALUATION_BLOCK_SAMPLES):
-                    block = slice(start, start + _EVALUATION_BLOCK_SAMPLES)
+                for start in range(0, t.size, _SAMPLES_PER_EVALUATION_BLOCK):
+                    block = slice(start, start + _SAMPLES_PER_EVALUATION_BLOCK)
                     for row, values in zip(rows.values(), function(t[block]), strict=True):
                         row[block] = np.nan if np.iscomplexobj(values) else values
         return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]
 
     def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
-        """Compile results to a function of t and the symbols."""
+        """Return a NumPy function of t and the symbols that computes results of the program."""
         steps = self._program.steps_for(list(results))
         function: Callable[..., Sequence[Any]] = sympy.lambdify(
             self._symbols,
             results,
             [{"numpy": np}],
-            NumPySource(),
+            NumPySourcePrinter(),
             cse=lambda parts: (steps, parts),
             docstring_limit=0,
         )

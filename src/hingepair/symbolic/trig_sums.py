@@ -18,19 +18,19 @@ from hingepair.symbolic.kinks import Expr
 
 MAX_SUM_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
-MAX_TERM_PAIRS: Final = 10_000
+MAX_MULTIPLIED_TERM_PAIRS: Final = 10_000
 """Largest number of pairs of terms in one multiplication."""
 
 
-class _TrigFactor(NamedTuple):
-    """A term without its rational coefficient: rest * sin(angle) or rest * cos(angle)."""
+class _TrigTerm(NamedTuple):
+    """Term of a sum without its rational coefficient: rest * sin(angle) or rest * cos(angle)."""
 
     rest: Expr
     angle: Expr
-    odd: bool  # whether it is the sine
+    is_sine: bool
 
 
-_TrigTerms: TypeAlias = dict[_TrigFactor, Fraction]  # coefficients; a term without sine or cosine has angle 0
+_TrigTerms: TypeAlias = dict[_TrigTerm, Fraction]  # coefficients; a term without sine or cosine has angle 0
 
 
 class _TooManyTermsError(ArithmeticError):
@@ -49,8 +49,8 @@ def trig_sum(expr: Expr) -> Expr | None:
     """
     groups: dict[Expr, dict[Expr, dict[Expr, Expr]]] = {}  # by the factor with symbols, then by the constant factor
     try:
-        for (rest, angle, odd), c in _expand_terms(expr).items():
-            wave = sine_expression(angle) if odd else cosine_expression(angle)
+        for (rest, angle, is_sine), c in _expand_terms(expr).items():
+            wave = sine_expression(angle) if is_sine else cosine_expression(angle)
             constant, varying = rest.as_independent(*rest.free_symbols, as_Add=False)
             groups.setdefault(varying, {}).setdefault(constant, {})[wave] = sympy.Rational(c)
     except _TooManyTermsError:
@@ -58,14 +58,14 @@ def trig_sum(expr: Expr) -> Expr | None:
     return sympy.Add(*(varying * _sum_by_wave(constants) for varying, constants in groups.items()))
 
 
-def _sum_by_wave(constants: dict[Expr, dict[Expr, Expr]]) -> Expr:
-    """Return a sum of constants times sums of sines and cosines, with each sine and cosine once."""
+def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr:
+    """Return a sum of constants times sums of sines and cosines, arranged so that each sine or cosine occurs once."""
     waves: dict[Expr, list[Expr]] = {}
-    for constant, coefficients in constants.items():
+    for constant, coefficients in coefficients_by_constant.items():
         for wave, coefficient in coefficients.items():
             waves.setdefault(wave, []).append(coefficient * constant)
-    if len(constants) == 1:
-        ((constant, coefficients),) = constants.items()
+    if len(coefficients_by_constant) == 1:
+        ((constant, coefficients),) = coefficients_by_constant.items()
         return constant * sympy.Add(*(coefficient * wave for wave, coefficient in coefficients.items()))
     return sympy.Add(*(sympy.Add(*factors) * wave for wave, factors in waves.items()))
 
@@ -81,7 +81,7 @@ def cosine_expression(angle: Expr) -> Expr:
 
 
 def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
-    """Return a sine or cosine, unevaluated where SymPy's value is neither a sine nor a cosine."""
+    """Return a sine or cosine of an angle, unevaluated where SymPy's value is neither a sine nor a cosine."""
     if not angle.free_symbols:
         return unnested(function, angle)
     value = function(angle)
@@ -91,7 +91,7 @@ def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
 
 @functools.lru_cache(maxsize=512)
 def _expand_terms(expr: Expr) -> _TrigTerms:
-    """Return the terms of an expression in the order in which they arise; the result is cached and not changed."""
+    """Return coefficients by term of an expression as a sum; the result is cached and must not be changed."""
     if expr.is_Add:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
     if expr.is_Mul:
@@ -101,20 +101,20 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
     if isinstance(expr, sympy.sin | sympy.cos) and expr.free_symbols:
         return dict(_normalise_trig(expr.args[0], isinstance(expr, sympy.sin)))
     coefficient, rest = _split_rational(expr)
-    return {_TrigFactor(rest, sympy.S.Zero, False): coefficient} if coefficient else {}
+    return {_TrigTerm(rest, sympy.S.Zero, False): coefficient} if coefficient else {}
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
-    """Multiply two sums term by term."""
-    if len(a) * len(b) > MAX_TERM_PAIRS:
+    """Return the product of two sums as coefficients by term; raise _TooManyTermsError if it is too long."""
+    if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
         raise _TooManyTermsError
     return _collect_terms(
         (wave, x * y * z) for v, x in a.items() for w, y in b.items() for wave, z in _multiply_factors(v, w)
     )
 
 
-def _collect_terms(items: Iterable[tuple[_TrigFactor, Fraction]]) -> _TrigTerms:
-    """Add up terms, and drop those that vanish."""
+def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
+    """Return coefficients by term, equal terms added up and those dropped that vanish."""
     total: _TrigTerms = {}
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient
@@ -125,34 +125,34 @@ def _collect_terms(items: Iterable[tuple[_TrigFactor, Fraction]]) -> _TrigTerms:
 
 
 @functools.lru_cache(maxsize=65536)
-def _multiply_factors(a: _TrigFactor, b: _TrigFactor) -> tuple[tuple[_TrigFactor, Fraction], ...]:
-    """Multiply two terms: 2 sin a cos b = sin(a - b) + sin(a + b), and so on."""
+def _multiply_factors(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fraction], ...]:
+    """Return the product of two terms as terms with coefficients: 2 sin a cos b = sin(a - b) + sin(a + b)."""
     coefficient, rest = _split_rational(a.rest * b.rest)
     if a.angle == 0 or b.angle == 0:
-        angle, odd = (b.angle, b.odd) if a.angle == 0 else (a.angle, a.odd)
-        return ((_TrigFactor(rest, angle, odd), coefficient),)
+        angle, is_sine = (b.angle, b.is_sine) if a.angle == 0 else (a.angle, a.is_sine)
+        return ((_TrigTerm(rest, angle, is_sine), coefficient),)
     half = coefficient / 2
     parts = (
-        (a.angle - b.angle, -half if b.odd > a.odd else half),
-        (a.angle + b.angle, -half if a.odd and b.odd else half),
+        (a.angle - b.angle, -half if b.is_sine > a.is_sine else half),
+        (a.angle + b.angle, -half if a.is_sine and b.is_sine else half),
     )
     terms = []
     for angle, c in parts:
-        for wave, sign in _normalise_trig(angle, a.odd != b.odd):
+        for wave, sign in _normalise_trig(angle, a.is_sine != b.is_sine):
             extra, whole = _split_rational(rest * wave.rest)
-            terms.append((_TrigFactor(whole, wave.angle, wave.odd), c * sign * extra))
+            terms.append((_TrigTerm(whole, wave.angle, wave.is_sine), c * sign * extra))
     return tuple(terms)
 
 
 @functools.lru_cache(maxsize=65536)
-def _normalise_trig(angle: Expr, odd: bool) -> tuple[tuple[_TrigFactor, Fraction], ...]:
-    """Return a sine or cosine as a term with its sign, the angle as SymPy writes it, so that equal terms meet."""
-    coefficient, wave = _split_rational(sine_expression(angle) if odd else cosine_expression(angle))
+def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fraction], ...]:
+    """Return a sine or cosine of an angle as a term with its coefficient, in SymPy's form, so equal terms meet."""
+    coefficient, wave = _split_rational(sine_expression(angle) if is_sine else cosine_expression(angle))
     if not coefficient:
         return ()
     if isinstance(wave, sympy.sin | sympy.cos) and wave.free_symbols:
-        return ((_TrigFactor(sympy.S.One, wave.args[0], isinstance(wave, sympy.sin)), coefficient),)
-    return ((_TrigFactor(wave, sympy.S.Zero, False), coefficient),)
+        return ((_TrigTerm(sympy.S.One, wave.args[0], isinstance(wave, sympy.sin)), coefficient),)
+    return ((_TrigTerm(wave, sympy.S.Zero, False), coefficient),)
 
 
 def _split_rational(expr: Expr) -> tuple[Fraction, Expr]:
