@@ -114,6 +114,12 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
     assert np.abs(known.pair.u1 - sought.pair.u1).max() < 3 * sought.std["u1"].max()
     assert known.std["u1"].max() < sought.std["u1"].max()
     assert none.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
+    lines = [next(line for line in str(fit).split("\n") if "offset" in line) for fit in (known, sought, none)]
+    later = "; body 2 was recorded so much later than its stamps say"
+    assert lines[0] == f"clock offset: 10 ms (given){later}"
+    assert " +- " in lines[1]
+    assert lines[1].endswith(f" ms{later}")
+    assert lines[2] == "clock offset: 0 ms (given)"
     with pytest.raises(hp.ArgumentError, match="t: expected instants beside clock_offset"):
         hp.fit(body1, body2, clock_offset=0.01)
     with pytest.raises(

@@ -311,7 +311,8 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
     rows.append(("psi", f"{low:.4g} to {high:.4g}", "deg"))
     if fitted.clock_offset is not None:
         std = 1e3 * float(fitted.std["clock_offset"])
-        known = f"{1e3 * fitted.clock_offset:.4g} ± {std:.2g}" if np.isfinite(std) else "not determined, taken as 0"
+        spread = f"± {std:.2g}" if std else "(given)"
+        known = f"{1e3 * fitted.clock_offset:.4g} {spread}" if np.isfinite(std) else "not determined, taken as 0"
         rows.append(("clock offset", known, "ms"))
     if fitted.encoder is not None:
         zero, scale = (

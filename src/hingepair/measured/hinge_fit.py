@@ -176,7 +176,8 @@ class HingeFit(Shown):
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"
-        return f"clock offset: {offset:.4g} +- {std:.2g} ms; body 2 was recorded so much later than its stamps say"
+        size = f"{offset:.4g} +- {std:.2g} ms" if std else f"{offset:.4g} ms (given)"
+        return f"clock offset: {size}" + "; body 2 was recorded so much later than its stamps say" * (offset != 0)
 
     def _left(self) -> str:
         if np.isnan(self.rms_angle):
