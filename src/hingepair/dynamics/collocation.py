@@ -414,7 +414,7 @@ class Stepper:
         self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
         """Return an estimate of the error of the polynomial between the nodes, in units of the tolerance, and the
-        share of the step without such an error.
+        share of the step without such an error, which is 0 unless only extra checks fail.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the

@@ -21,7 +21,7 @@ _INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
-    """Record of one step of a simulation."""
+    """Record of one step of a simulation: polynomial, attitude, torque branch, and whether the hinge is held."""
 
     polynomial: StepPolynomial
     quat: Array  # attitude at the start of the step; (4,)

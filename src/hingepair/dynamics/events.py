@@ -80,7 +80,7 @@ class HingeEvents:
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return the distances of instants and states from each event, (m, e), and the sizes (e,) that scale their
-        rounding. Keep the names of the events for `apply`.
+        rounding. Keep the names of the events, and the sign and the size of the user's value.
         """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
@@ -151,7 +151,7 @@ class HingeEvents:
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
         """Return whether an impact, or friction that stops the hinge, ends the motion since the user's value is
-        exactly 0 there.
+        exactly 0 there. The sign of such a value is unknown from then on.
 
         From there the value may stay 0 or turn back, so that it might never pass 0.
         """

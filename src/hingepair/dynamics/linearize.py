@@ -103,7 +103,7 @@ def linearize(
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Linearize the motion about a state, and return its matrices, natural frequencies and damping ratios.
+    """Linearize the motion about a state; return its matrices, poles, natural frequencies and damping ratios.
 
     The arguments are those of `simulate`, at one instant. Derivatives are differences of order 4.
 
@@ -112,13 +112,14 @@ def linearize(
         body1: the state of body 1; None for a base that moves as given.
         psi_0: hinge angle [rad].
         psid_0: hinge rate [rad/s].
-        hinge_torque: at the hinge; friction that sticks has no linearization at rest unless it has a friction_rate.
-        force1: on body 1 at R1.
-        torque1: on body 1.
-        force2: on body 2 at R2.
-        torque2: on body 2.
-        gravity: acceleration of free fall.
-        base: what holds body 1.
+        hinge_torque: torque at the hinge [N m], as for `simulate`. Friction that sticks has no linearization at rest
+            unless it has a friction_rate.
+        force1: force on body 1 at R1, world axes [N], as for `simulate`.
+        torque1: torque on body 1, world axes [N m].
+        force2: force on body 2 at R2, world axes [N].
+        torque2: torque on body 2, world axes [N m].
+        gravity: acceleration of free fall [m/s^2], as for `simulate`.
+        base: what holds body 1: "free", "pinned", "fixed", or a callable, as for `simulate`.
         t: instant at which loads and a moving base are evaluated [s].
         equilibrium: whether to linearize about the stable equilibrium near the state, which must be at rest.
         backend: as for `forward_kinematics`.
@@ -195,7 +196,8 @@ def _state_derivatives(
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the stable equilibrium near a state at rest, as a state, by Newton's method.
+    """Return the state of the stable equilibrium near a state at rest, by Newton's method; raise an error if none is
+    near.
 
     Raises:
         ArgumentError: there is no equilibrium near.

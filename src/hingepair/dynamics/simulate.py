@@ -39,7 +39,7 @@ _STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 _PLANAR_START_EXAMPLE_TEXT = (
     "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # a start in the plane, in messages
 )
-_MIN_REPORTED_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
+_MIN_REPORTED_STOP_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
 _REFERENCE_TOLERANCE_FACTOR = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
 _MIN_LOAD_EVALUATIONS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
 _REFERENCE_EVALUATION_FACTOR: Final = 4.3  # of these evaluations: those of the second run
@@ -48,7 +48,7 @@ _MAX_REMAINING_TRIALS = 1e6  # trial steps; a motion that needs more, by its pro
 
 
 class SimulationError(HingePairError, RuntimeError):
-    """The simulation cannot go on.
+    """The simulation cannot go on past the instant `t`, for the reason `why`.
 
     Attributes:
         t: instant that the simulation has reached [s].
@@ -82,10 +82,11 @@ class _SimulatedMotionBase:
 
     @property
     def error_estimate(self) -> float:
-        """Error of the attitude of body 1, or of its angle phi, at the worst instant [rad]; not psi.
+        """Estimate of the error of body 1's attitude or angle phi, not psi, at the worst instant [rad], by a second
+        run at first access.
 
-        0 where the base is fixed or moves as given; see then `psi_error_estimate`. Both are computed at the first
-        access of one of them, by a second run with a thousandth of the tolerance.
+        It is 0 where the base is fixed or moves as given; for the error of psi, see `psi_error_estimate`. The second
+        run has a thousandth of the tolerance, and gives both estimates.
         """
         return self._error()
 
@@ -98,7 +99,8 @@ class _SimulatedMotionBase:
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
-        """Compute the work of each load since the first instant, and the energies; `print` shows a table.
+        """Compute the energy balance: the work of each load since the first instant, and the energies; `print` shows
+        a table.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -172,7 +174,8 @@ def simulate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
-    """Simulate the motion of a pair under loads (D1-D6), from its start at t[0].
+    """Simulate the motion of a pair under loads (D1-D6), from its start at t[0]; return it as a trajectory with the
+    loads.
 
     The method is Gauss collocation of order 16 with steps by the tolerance, and attitudes on the rotation group. A
     free pair without loads keeps its momenta to the last bit. The limits of the pair do not stop the motion;
@@ -415,11 +418,13 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
     """Return a sentence on how far psi [rad] passes the stops; an empty text where that is less than 0.02 rad."""
     depth = max(stops[0] - lowest, highest - stops[1])
-    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_REPORTED_OVERRUN else ""
+    return (
+        f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_REPORTED_STOP_OVERRUN else ""
+    )
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper."""
+    """Options of a run of the stepper: tolerance, number of load evaluations, breaks, and the user's event."""
 
     tol: float  # largest error of a step [rad]
     min_load_evaluations: float  # evaluations of callable loads over the whole motion, at least

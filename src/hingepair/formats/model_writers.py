@@ -336,11 +336,11 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
     """Return the attributes of URDF's `limit` by name, with defaults for effort and velocity; none if the pair has no
     limits.
     """
-    given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
-    if limits is None and set(given.values()) == {None}:
+    pair_limits = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
+    if limits is None and set(pair_limits.values()) == {None}:
         return {}
     range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-    return range_ | {key: DEFAULT_URDF_LIMITS[key] if value is None else value for key, value in given.items()}
+    return range_ | {key: DEFAULT_URDF_LIMITS[key] if value is None else value for key, value in pair_limits.items()}
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:

@@ -150,8 +150,8 @@ def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str,
     """
     for joint in values:
         if joint not in joint_names:
-            known = choices(joint_names) if joint_names else "no joint, since none moves"
-            raise ArgumentError(name, known + nearest(str(joint), joint_names), quoted(joint))
+            expected = choices(joint_names) if joint_names else "no joint, since none moves"
+            raise ArgumentError(name, expected + nearest(str(joint), joint_names), quoted(joint))
     for joint in joint_names:
         if joint not in values:
             raise ArgumentError(f"{name}[{joint!r}]", "a number or an array", "none")
@@ -169,8 +169,8 @@ def _joint_list(names: Sequence[str]) -> str:
 
 
 def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return the needed arrays of the base's motion by input name; the rates of a base without any are left out. The
-    dict is empty for a base at the origin (None).
+    """Return the needed arrays of the base's motion by input name; raise an error where one is missing. Rates of a
+    base without any are left out, and a base at the origin (None) has no arrays.
     """
     if base_motion is None:
         return {}
@@ -211,8 +211,8 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[An
         raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
     for link, value in wrenches.items():
         if link not in links:
-            known = tuple(links)
-            raise ArgumentError("wrenches", choices(known) + nearest(str(link), known), quoted(link))
+            link_names = tuple(links)
+            raise ArgumentError("wrenches", choices(link_names) + nearest(str(link), link_names), quoted(link))
         if not isinstance(value, tuple | list) or len(value) != 2:
             raise ArgumentError(f"wrenches[{link!r}]", "a pair (force, torque)", quoted(value))
     return {link: (value[0], value[1]) for link, value in wrenches.items()}

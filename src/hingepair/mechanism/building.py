@@ -44,7 +44,8 @@ def tree_of_pairs(
 def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
-    """Read the tree of a robot from URDF.
+    """Return the tree of a robot in URDF, with `locked` joints held, and angles within `snap` of a quarter turn made
+    exact.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -97,7 +98,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
 
 
 def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
-    """Return a tree with the mass and the shapes of a further body, fixed to a frame.
+    """Return a tree with the mass and the shapes of a further body, which is fixed to the frame `link`.
 
     Raises:
         ArgumentError: no such frame, or no Body.

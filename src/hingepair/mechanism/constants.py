@@ -37,7 +37,8 @@ _PERMUTED_AXES_BY_JOINT_AXIS: Final = {  # columns of the body's axes: x, y and 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotConstants:
-    """The constants of a robot's generated programs.
+    """Constants of a robot's generated programs: numbers with their error bounds, pivot thresholds, axes, and a
+    cache.
 
     Attributes:
         form: structure of the robot, on which programs depend.
@@ -148,9 +149,9 @@ def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], t
     """Split numbers into two tuples: all of them, with None for those that programs do not fold, and these others
     alone. Programs fold 0, 1 and -1.
     """
-    all_of = [number + 0.0 for number in numbers]  # no -0.0
-    known = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_of)
-    return known, tuple(number for number in all_of if number not in _FOLDED_CONSTANT_VALUES)
+    all_numbers = [number + 0.0 for number in numbers]  # no -0.0
+    folded = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_numbers)
+    return folded, tuple(number for number in all_numbers if number not in _FOLDED_CONSTANT_VALUES)
 
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
@@ -194,7 +195,9 @@ def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product A B; products with 0 and 1 are exact, and -0.0 becomes 0.0."""
+    """Return the product A B of a matrix and a matrix or vector; products with 0 and 1 are exact, and -0.0 becomes
+    0.0.
+    """
     if B.ndim == 1:
         return _matrix_product(A, B[:, None])[:, 0]
     product = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:] * B[2:]
@@ -236,7 +239,9 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Compute the moments of a payload from its ten mass properties in a frame at R, S in the body's axes."""
+    """Compute the moments of a payload, in the program's axes, from its ten mass properties in a frame at R, S in the
+    body's axes.
+    """
     m, h = properties[0], _matrix_times_vector(S, properties[1:4])
     xx, xy, xz, yy, yz, zz = properties[4:]
     N = _congruence(S, [xx, xy, xz, xy, yy, yz, xz, yz, zz])

@@ -77,9 +77,9 @@ class RobotComputation:
         result: type[Results] | None,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
-        known, parameters = split_numbers(numbers)
+        folded, parameters = split_numbers(numbers)
         self.form: Form = constants.form
-        self.request = Request(outputs, free, tuple(frame.body for frame in frames), known, loaded_frames)
+        self.request = Request(outputs, free, tuple(frame.body for frame in frames), folded, loaded_frames)
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
         self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
         self.inputs = input_shapes(self.form, self.request)
@@ -156,12 +156,12 @@ class RobotComputation:
             known_inputs: arguments by input name, of which numbers are known; arrays of samples unless given.
         """
         loop = request_loop(self.form, self.request)
-        many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
-        full = loop.program(bind(loop.inputs, many).pattern)
-        known = {
-            **many,
-            **{name: value for name, value in RESTING_BASE_INPUTS.items() if name in many},
+        sample_arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
+        full = loop.program(bind(loop.inputs, sample_arrays).pattern)
+        bound_inputs = {
+            **sample_arrays,
+            **{name: value for name, value in RESTING_BASE_INPUTS.items() if name in sample_arrays},
             "constants": self.parameters,
-            **{name: value for name, value in (known_inputs or {}).items() if name in many},
+            **{name: value for name, value in (known_inputs or {}).items() if name in sample_arrays},
         }
-        return loop.program(bind(loop.inputs, known).pattern).count_operations(full)
+        return loop.program(bind(loop.inputs, bound_inputs).pattern).count_operations(full)

@@ -27,7 +27,7 @@ from hingepair.urdf.rigid import HERE, FramePose, Inertia, combined
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """A joint (fixed ones included) and the body that it carries; the body's origin is the joint's point.
+    """Record of a joint (fixed ones included) and of the body that it carries, whose origin is the joint's point.
 
     Attributes:
         name: name of the joint.
@@ -142,8 +142,8 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return by name whether each joint is held (its position), follows another (a record) or moves by itself (None).
-    A follower of a follower follows the last leader.
+    """Return by name whether each joint is held (its position), follows another (a MimicRecord) or moves by itself
+    (None). A follower of a follower follows the last leader.
     """
     by_name = {part.name: part for part in parts}
 

@@ -96,16 +96,17 @@ class Mechanism(MechanismMethods):
         """Read a robot from URDF, and return it as a Mechanism.
 
         Revolute and continuous joints are hinges, prismatic ones sliders; fixed joints are folded into the links that
-        carry them, masses included; a mimic joint follows its leader. Masses are taken as they are written, those too
-        that no rigid body has: of these a `DynamicsWarning` tells when forces or motion are computed.
+        carry them, masses included; a mimic joint follows its leader. Masses are used as they are written, even those
+        that no rigid body can have; a `DynamicsWarning` names these when forces or accelerations are computed.
 
         Args:
             path_or_text: a file's path, or the URDF itself (text that starts with "<").
             base: "fixed" or "free"; the base is the root link.
-            locked: joints that are held, and where, such as {"panda_finger_joint1": 0.02} [rad or m]; what follows
-                them is held too. A position beyond the joint's limits is taken, with a `DynamicsWarning`.
-            snap: an angle of an origin (rpy) within this of a multiple of pi/2 is taken for it [rad], such as 1e-6.
-                Unless given, only the double nearest to a multiple of pi/2 is that turn exactly.
+            locked: positions [rad or m] at which joints are held, by name, such as {"panda_finger_joint1": 0.02};
+                joints that follow them are held too. A position beyond the joint's limits is used, with a
+                `DynamicsWarning`.
+            snap: angles of origins (rpy) that are within `snap` [rad] of a multiple of pi/2 become that multiple;
+                for example 1e-6. Unless given, only the double nearest to a multiple of pi/2 is that turn exactly.
 
         Raises:
             URDFError: no readable URDF, links and joints that are no tree, a joint that is planar or floating, a
@@ -129,13 +130,13 @@ class Mechanism(MechanismMethods):
         dynamics and kinetic energy (where Pinocchio 4.1 leaves out those of oblique hinges). As in Pinocchio's own
         algorithms, `rotorInertia` and `rotorGearRatio` count only where they are part of `armature`, and damping and
         dry friction nowhere. Limits are the upper ones of effort and velocity; reference configurations and margins
-        of limits are not taken. Gravity is an argument of the methods: a DynamicsWarning tells where that of the
-        model is another than theirs.
+        of limits are not used. Gravity is an argument of the methods; a DynamicsWarning reports a model whose gravity
+        differs from their default.
 
         Args:
-            model: of Pinocchio: revolute, continuous, prismatic, mimic and composite joints depth-first, and a
-                free-flyer at its root. Its q is that of the robot where nq is nv: a continuous joint has cos and sin
-                in Pinocchio's q.
+            model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints, depth-first;
+                at its root there may be a free-flyer. Its q is that of the robot where nq is nv: a continuous joint
+                has cos and sin in Pinocchio's q.
             base: "fixed" or "free"; unless given, free where the model has a free-flyer.
             locked: as for `from_urdf`.
 
@@ -236,8 +237,9 @@ class Mechanism(MechanismMethods):
         """Return a copy of the robot with a further body fixed to a link.
 
         Args:
-            link: name of a link, a joint or another frame; the body's reference point and axes are those of it.
-            body: its mass properties.
+            link: name of a link, a joint or another frame, whose origin and axes are the body's reference point and
+                axes.
+            body: mass properties and shapes of the body.
 
         Raises:
             ArgumentError: no such link, or no Body.
@@ -256,10 +258,10 @@ class Mechanism(MechanismMethods):
         """Return a copy of the robot with a further frame, for example that of a tool.
 
         Args:
-            name: of the frame; no link, joint or frame has it yet.
-            link: name of the link, the joint or the other frame that it is fixed to.
-            R: its origin, in the axes of that [m]; shape (3,).
-            S: rotation from its axes to those; identity unless given; shape (3, 3).
+            name: name of the new frame, which no link, joint or frame has yet.
+            link: name of the link, the joint or the other frame to which the new frame is fixed.
+            R: origin of the new frame from that of `link`, in the axes of `link` [m]; shape (3,).
+            S: rotation from the axes of the new frame to those of `link`; identity unless given; shape (3, 3).
 
         Raises:
             ArgumentError: no such link, a name that is taken, or R or S that cannot be used.

@@ -249,8 +249,8 @@ class MechanismMethods(Shown):
 
         Returns:
             By output, the bound on the error of its largest component, in the output's unit; of motion one for each
-            frame, shape (..., frames); of all else shape (...). Infinite where numbers overflow, or are none, and
-            where rounding may decide whether the mass matrix is singular.
+            frame, shape (..., frames); of all else shape (...). A bound is infinite where numbers overflow or are not
+            finite, and where rounding may decide whether the mass matrix is singular.
 
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -423,7 +423,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the forces at zero acceleration (T1-T3): tau = mass_matrix @ qdd + bias_forces.
+        """Compute the generalized forces at zero acceleration (T1-T3): tau = mass_matrix @ qdd + bias_forces.
 
         Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S and omega are used, for a fixed
         base also a and alpha; the other arguments are those of `jacobian`.
@@ -447,7 +447,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the forces that hold the robot at rest against gravity (T1-T3).
+        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3).
 
         Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S is used; the other arguments are
         those of `jacobian`.
@@ -536,7 +536,8 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute kinetic and potential energy [J]; the latter is 0 at the world's origin; shape (...) each (T7).
+        """Compute the kinetic energy, and the potential energy that is 0 at the world's origin [J]; shape (...) each
+        (T7).
 
         A fixed base's own mass does not count; rotors count in the kinetic energy. Of `base_motion`, only R, S, v and
         omega are used.
@@ -560,7 +561,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute linear and angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
+        """Compute the linear and the angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
 
         `about` is the point of the angular momentum: the world's "origin", or the "centre" of mass. A fixed base's
         own mass does not count, and rotors do not. Of `base_motion`, only R, S, v and omega are used.
@@ -598,15 +599,15 @@ class MechanismMethods(Shown):
                 on a free one; then `outputs` says what is computed. The base rests at the origin where nothing else
                 is given.
             frames: as for `forward_kinematics`.
-            outputs: names of what is computed, unless all that `given` says.
+            outputs: names of the outputs to compute; by default all that `given` implies.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for all cores.
             backend: "auto" and "compiled" compile here and now; "numpy" never does.
 
         Returns:
             A callable of the arrays in the order of `given`, and `out=`, that returns what the method returns.
-            `.source` is the generated Python code, `.llvm` the LLVM code, `.operations` how much is computed, which
-            printing it says in words.
+            `.source` is the generated Python code, `.llvm` the LLVM code, and `.operations` the numbers of
+            operations, which are also printed with the callable.
 
         Raises:
             ArgumentError: an unknown name, or an output that needs more than is given; the error names it.
@@ -725,7 +726,8 @@ class MechanismMethods(Shown):
         return {one: self._named_frame(argument, one) for one in names}
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
-        """Return the frame of a link, a joint or a further frame.
+        """Return the frame of a link, a joint or a further frame; raise an error that names the argument if there is
+        none.
 
         Raises:
             ArgumentError: no such frame.
@@ -850,8 +852,8 @@ class MechanismMethods(Shown):
             if out is None:
                 result = call.fast_path(*coordinates.values())
             else:
-                known = type(out) is dict and out.keys() <= {*call.outputs}
-                result = call.run_into(tuple(coordinates.values()), out) if known else None
+                names_are_outputs = type(out) is dict and out.keys() <= {*call.outputs}
+                result = call.run_into(tuple(coordinates.values()), out) if names_are_outputs else None
             if result is not None:
                 return result
         if holds_dask(coordinates, base_motion, labelled_loads):

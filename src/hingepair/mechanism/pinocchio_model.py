@@ -124,7 +124,9 @@ def _part_of_joint(
     idx_v: int,
     body_content: Any,
 ) -> JointPart:
-    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v."""
+    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v. Raise an error
+    for a joint of another kind than hinge, slider and follower.
+    """
     kind = joint.shortname()
     if kind not in {*_PINOCCHIO_HINGE_TYPES, *_PINOCCHIO_SLIDER_TYPES, "JointModelMimic"}:
         raise _unsupported_joint_error(
@@ -178,7 +180,7 @@ def _unit_axis(motion: Float64Array) -> Float64Array:
 
 
 class _BodyContents:
-    """Links, further frames and mass properties of each joint's body in a Pinocchio model.
+    """Links, further frames and mass properties of the body of each joint in a Pinocchio model.
 
     Args:
         model: of Pinocchio.

@@ -78,10 +78,10 @@ class Slider(Frozen, Shown):
             object.__setattr__(self, field, getattr(checked, field))
 
     def __repr__(self) -> str:
-        given: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELD_NAMES}
+        field_values: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELD_NAMES}
         shown = (
             f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
-            for field, value in given.items()
+            for field, value in field_values.items()
             if value is not None
         )
         return f"Slider({', '.join(shown)})"

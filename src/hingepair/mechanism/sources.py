@@ -165,7 +165,8 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
-    """Return the indices of the pairs in depth-first order, siblings by name.
+    """Return the indices of the pairs in depth-first order, siblings by name; raise an error if the parents make no
+    tree.
 
     Raises:
         ArgumentError: the parents make no tree.

@@ -119,7 +119,7 @@ def _rebuild_state(
 
 
 class JointResults(Results):
-    """Results with one column for each coordinate of a robot.
+    """Base class of results with one column for each coordinate of a robot.
 
     Attributes:
         names: names of the joints with a coordinate, in the order of the columns.

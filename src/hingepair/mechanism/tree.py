@@ -68,7 +68,7 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """A joint that moves, with the body that it moves.
+    """Record of a joint that moves, and of the body that it moves.
 
     Attributes:
         name: name of the joint.
@@ -116,7 +116,8 @@ class Frame(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
-    """Record of a robot whose fixed and locked joints are merged into their parents.
+    """Record of a robot as a tree: its moving joints, their bodies, and frames. Fixed and locked joints are merged
+    into their parents.
 
     Attributes:
         name: name of the robot.
@@ -153,22 +154,22 @@ class Tree(Frozen):
 
     def frame(self, name: str) -> Frame | None:
         """Return the frame of a link, a further frame or a joint, searched in this order; None if there is none."""
-        known = self.links.get(name) or self.frames.get(name)
-        if known is not None:
-            return known
+        named_frame = self.links.get(name) or self.frames.get(name)
+        if named_frame is not None:
+            return named_frame
         for number, joint in enumerate(self.joints, 1):
             if joint.name == name:
                 return Frame(number, read_only(np.zeros(3)), read_only(np.eye(3)))
         return None
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return a frame by its name, or raise an error.
+        """Return a frame by its name; raise an error that names the argument if there is none.
 
         Raises:
             ArgumentError: there is none; the error names the argument.
         """
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:
-            known = self.frame_names
-            raise ArgumentError(argument, choices(known) + nearest(str(name), known), quoted(name))
+            frame_names = self.frame_names
+            raise ArgumentError(argument, choices(frame_names) + nearest(str(name), frame_names), quoted(name))
         return frame

@@ -63,7 +63,8 @@ def cross_validate(
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> CrossValidation | RobotValidation:
-    """Compare a pair or a robot, computed by the equations, with Pinocchio, state by state; return a report.
+    """Compare the outputs of a pair or a robot with those of Pinocchio, state by state; return a report that says
+    whether they agree.
 
     Pinocchio's computation shares nothing with that of hingepair: the attitude and the rates of body 1 come from
     Pinocchio too, from a chain of three revolute joints in the order of the sequence. R2, S2 and d (R2 - R1) are

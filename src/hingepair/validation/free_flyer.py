@@ -23,8 +23,8 @@ def import_pinocchio(caller_name: str) -> Any:
     except ImportError as error:
         raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
     if not hasattr(pinocchio, "JointModelFreeFlyer"):
-        found = f"another package named pinocchio at {pinocchio.__file__}"
-        raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", found)
+        got = f"another package named pinocchio at {pinocchio.__file__}"
+        raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", got)
     return pinocchio
 
 

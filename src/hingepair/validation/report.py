@@ -182,8 +182,8 @@ class CrossValidation(Shown):
 
     def __str__(self) -> str:
         planar = any(row.output in PLANAR_SCALES for row in self.rows)
-        given = "in the plane" if planar else "attitude given"
-        attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
+        attitude_source = "in the plane" if planar else "attitude given"
+        attitude = attitude_source if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
         lines = [
@@ -203,6 +203,7 @@ class CrossValidation(Shown):
         return f"CrossValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
+        """Return the printed table of the comparison: title, a row per output or rate, and notes with the verdict."""
         title = f"{self.name}: the equations against Pinocchio"
         rows = (
             _OUTPUT_TABLE_HEADINGS,

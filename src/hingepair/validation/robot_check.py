@@ -262,7 +262,7 @@ def _mass_outputs(
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
-    """Return the kinetic energy of links and rotors at one state."""
+    """Compute the kinetic energy of links and rotors by Pinocchio at one state."""
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
     links: float = pin.computeKineticEnergy(twin.model, twin.data, q, v)

@@ -90,8 +90,8 @@ class RobotScales:
         return scales
 
     def forces(self) -> tuple[Float64Array, Float64Array]:
-        """Return the scales of the force [N] and of the torque [N m] on each body at its reference point, the base
-        first.
+        """Return two arrays: the scales of the force [N] and of the torque [N m] on each body at its reference point,
+        the base first.
 
         Shape (N, 1 + joints) each.
         """
@@ -101,11 +101,13 @@ class RobotScales:
             masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
             lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
             turning = sums["A"] + sums["S"] * size["W"] ** 2
-            own = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
-            force[:, k] += own
+            body_force = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
+            force[:, k] += body_force
             # Pinocchio adds v x m v, which rounds before it vanishes.
             torque[:, k] += (
-                inertia * turning + lever * own + abs(masses.mass) * sums["v"] * (size["v"] + size["W"] * lever)
+                inertia * turning
+                + lever * body_force
+                + abs(masses.mass) * sums["v"] * (size["v"] + size["W"] * lever)
             )
             if k:
                 parent = self._tree.joints[k - 1].parent

@@ -126,8 +126,8 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
         has_free_flyer = robot.base == "free"
     model = pin.Model()
     model.name = tree.name
-    known = {joint.name for joint in tree.joints}
-    flyer = "root_joint" if "root_joint" not in known else max(known, key=len) + "_root"
+    joint_names = {joint.name for joint in tree.joints}
+    flyer = "root_joint" if "root_joint" not in joint_names else max(joint_names, key=len) + "_root"
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if has_free_flyer else 0
     kinds = {"hinge": pin.JointModelRevoluteUnaligned, "slider": pin.JointModelPrismaticUnaligned}
     for joint in tree.joints:
