@@ -10,7 +10,7 @@ import pytest
 
 import hingepair
 from hingepair.engine.backend import compile_at_first_call
-from hingepair.pair.accuracy import PROMISES
+from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 
 class Ledger:
@@ -37,10 +37,14 @@ class Ledger:
             return
         terminalreporter.section("largest error in units of u * scale, below the promise; (c) compiled")
         width = max(map(len, self.measured))
-        promised = {name: str(promise.proved) for name, promise in PROMISES.items()}
-        rows = {"": dict(zip(PROMISES, PROMISES, strict=True)), "promise": promised, **self.measured}
+        promised = {name: str(promise.proved) for name, promise in PROMISED_BOUND_BY_OUTPUT.items()}
+        rows = {
+            "": dict(zip(PROMISED_BOUND_BY_OUTPUT, PROMISED_BOUND_BY_OUTPUT, strict=True)),
+            "promise": promised,
+            **self.measured,
+        }
         for way, worst in rows.items():
-            cells = (worst.get(name, "-") for name in PROMISES)
+            cells = (worst.get(name, "-") for name in PROMISED_BOUND_BY_OUTPUT)
             shown = (f"{cell:.2f}" if isinstance(cell, float) else cell for cell in cells)
             terminalreporter.write_line(way.ljust(width) + "".join(cell.rjust(8) for cell in shown))
 

@@ -13,7 +13,7 @@ import typer
 import hingepair as hp
 from hingepair.bench.skip import make_folding_cases
 from hingepair.cli.main import app
-from hingepair.pair.accuracy import PROMISES
+from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -87,9 +87,9 @@ def test_links_of_the_pages_lead_to_files_of_the_repository():
             assert (page.parent / link).exists(), (page.name, link)
 
 
-@pytest.mark.parametrize("output", PROMISES)
+@pytest.mark.parametrize("output", PROMISED_BOUND_BY_OUTPUT)
 def test_the_table_of_accuracy_is_the_promise(output):
-    promise = PROMISES[output]
+    promise = PROMISED_BOUND_BY_OUTPUT[output]
     row = f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |"
     assert row in (DOCS / "concepts" / "accuracy.md").read_text(encoding="utf-8")
 

@@ -184,9 +184,9 @@ def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, shor
 
     scene = hp.load_scene(short_scene)
     assert max(r.ratio for r in summed(scene).residuals()) < 16
-    genuine = summary.arrays_of
+    genuine = summary.compute_arrays
     moved = lambda pair, names, values, shapes: genuine(pair, names, values | {"R2": values["R2"] + 1e-9}, shapes)  # noqa: E731
-    monkeypatch.setattr(summary, "arrays_of", moved)
+    monkeypatch.setattr(summary, "compute_arrays", moved)
     assert summed(scene).residuals()[0].ratio > 1e4
 
 
@@ -194,11 +194,11 @@ def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch
     """E2 where there are rates; each sees what breaks it, by how much."""
     from hingepair.cli import summary
 
-    scene, genuine = hp.load_scene(short_scene), summary.arrays_of
+    scene, genuine = hp.load_scene(short_scene), summary.compute_arrays
     assert [(r.label, r.unit) for r in summed(scene).residuals()] == [("E1", "m"), ("E2", "rad/s")]
     monkeypatch.setattr(
         summary,
-        "arrays_of",
+        "compute_arrays",
         lambda pair, names, values, shapes: genuine(
             pair, names, values | {"R2": values["R2"] + 1e-6, "omega2": values["omega2"] - 1e-3}, shapes
         ),

@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.model_writers import BODY1, BODY2, HINGE
-from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
+from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
 
@@ -30,7 +30,7 @@ def ratios_of(pair, body1, hinge, found, *, arms_in_world=False):
     MuJoCo takes velocities from the model's centre of mass: arms in world axes, as long as R1 and rounded like it.
     """
     state = pair.forward_kinematics_from_body1(body1, *hinge)
-    W1, A1 = given_rate_sizes(body1.omega, body1.alpha)
+    W1, A1 = angular_rate_sizes(body1.omega, body1.alpha)
     sizes = {"R1": body1.R, "v1": body1.v, "a1": body1.a, "W1": W1, "A1": A1, "psid": hinge[1], "psidd": hinge[2]}
     scales = output_scales(u1=pair.u1, u2=pair.u2, pinocchio=True, **sizes)
     if arms_in_world:

@@ -12,7 +12,7 @@ import pytest
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.urdf_reader import from_urdf
-from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
+from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
@@ -49,7 +49,7 @@ def test_pinocchio_reads_the_same_pair_from_urdf():
         body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
         hinge = rng.normal(size=(3, 5)) * (2, 1, 1)[k % 3]
         state = pair.forward_kinematics_from_body1(body1, *hinge)
-        W1, A1 = given_rate_sizes(omega, alpha)
+        W1, A1 = angular_rate_sizes(omega, alpha)
         scales = output_scales(
             u1=pair.u1, u2=pair.u2, R1=R, v1=v, a1=a, W1=W1, A1=A1, psid=hinge[1], psidd=hinge[2], pinocchio=True
         )

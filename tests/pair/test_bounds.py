@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.accuracy import PROMISES
+from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import extended, reference, states
 from support.reference import BOUNDS, ORDINARY, OUTPUTS
@@ -139,8 +139,8 @@ def test_states_that_are_searched_for(kind, output, ledger):
     for _ in range(15):
         found = errors(constants, motion, (output,))[output]
         worst = ledger("searched", output, found)
-        assert worst <= PROMISES[output].proved
-        assert worst <= 1.5 * PROMISES[output].seen  # half as much again would be news
+        assert worst <= PROMISED_BOUND_BY_OUTPUT[output].proved
+        assert worst <= 1.5 * PROMISED_BOUND_BY_OUTPUT[output].seen  # half as much again would be news
         chosen = np.concatenate([np.argsort(-found)[:200], rng.integers(0, 4000, 3800)])
         size = 10.0 ** rng.uniform(-16, -0.5, (4000, 1)) * (np.arange(4000) >= 200)[:, None]  # the worst stay
         constants, motion = (tuple(_varied(rng, c, chosen, size) for c in group) for group in (constants, motion))

@@ -7,7 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.pair.accuracy import PROMISES, error_ratios, euler_rate_sizes, given_rate_sizes, output_scales
+from hingepair.pair.accuracy import (
+    PROMISED_BOUND_BY_OUTPUT,
+    angular_rate_sizes,
+    error_ratios,
+    euler_rate_sizes,
+    output_scales,
+)
 
 
 def test_scales_are_those_of_the_contract():
@@ -27,7 +33,7 @@ def test_scales_are_those_of_the_contract():
         "a2": 13 + (17 + 4) * 5 + (A2 + W2**2) * 2,
     }
     assert {name: float(value) for name, value in found.items()} == expected
-    assert set(expected) == set(PROMISES)
+    assert set(expected) == set(PROMISED_BOUND_BY_OUTPUT)
     spatial = output_scales(**given, W1=2.0, A1=17.0, psid=-3.0, psidd=-19.0, pinocchio=True)
     assert spatial["a2"] == expected["a2"] + (2 + 5) * 3 + 2 * 5 * 5
     assert spatial["alpha2"] == A2 + 9
@@ -42,9 +48,9 @@ def test_scales_need_what_they_are_made_of():
 def test_rate_sizes_of_angles_and_of_given_attitude():
     W1, A1 = euler_rate_sizes([[1, -2, 2]], [[0, 0, -3]])
     assert (W1.tolist(), A1.tolist()) == ([5.0], [28.0])
-    W1, A1 = given_rate_sizes([[3, 0, -4]], [[0, 5, -12]])
+    W1, A1 = angular_rate_sizes([[3, 0, -4]], [[0, 5, -12]])
     assert (W1.tolist(), A1.tolist()) == ([5.0], [13.0])
-    assert euler_rate_sizes(None) == given_rate_sizes(None) == (None, None)
+    assert euler_rate_sizes(None) == angular_rate_sizes(None) == (None, None)
 
 
 @pytest.mark.parametrize(

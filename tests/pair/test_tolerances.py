@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.tolerances import DIMENSIONS
+from hingepair.pair.tolerances import GEOMETRY_COMPONENT_NAMES
 from support.states import body1 as random_body
 from support.states import generator
 from support.states import pair as random_pair
@@ -45,7 +45,7 @@ def test_slopes_are_those_of_the_pose(home):
     slopes = pair.propagate_covariance(body1, psi, u1_std=1).jacobian
     assert slopes.shape == (5, 6, 12)
     lever = 1 + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    for k, dimension in enumerate(DIMENSIONS):
+    for k, dimension in enumerate(GEOMETRY_COMPONENT_NAMES):
         found = np.zeros((5, 6))
         for multiple, weight in WEIGHTS.items():
             ends = [

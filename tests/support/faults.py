@@ -750,8 +750,8 @@ FAULTS = {
     ),
     "rounding of axis and levers dropped from the bounds": Fault(
         "pair/accuracy.py",
-        "np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size",
-        "_ERROR_BEFORE_ROUNDING * size",
+        "np.spacing(np.abs(c)) / 2 + _CONSTANTS_REL_ERROR * size",
+        "_CONSTANTS_REL_ERROR * size",
         "pair/test_error_bounds.py::test_the_rounding_of_axis_and_levers_counts",
     ),
     "components of another library's arrays side by side the other way": Fault(
@@ -885,8 +885,8 @@ FAULTS = {
     ),
     "pieces that begin one instant late": Fault(
         "scenes/instants.py",
-        "return (slice(start, start + ROWS)",
-        "return (slice(start + 1, start + ROWS)",
+        "return (slice(start, start + ROWS_PER_BLOCK)",
+        "return (slice(start + 1, start + ROWS_PER_BLOCK)",
         "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
     ),
     "a summary of the last piece alone": Fault(
@@ -1493,8 +1493,8 @@ FAULTS = {
     ),
     "a stop that pulls": Fault(
         "pair/hinge_load.py",
-        "pushes &= beyond * rate > -1 / self.stop_damping",
-        "pushes &= beyond * rate > -np.inf",
+        "is_pushing &= beyond * rate > -1 / self.stop_damping",
+        "is_pushing &= beyond * rate > -np.inf",
         "pair/test_hinge_load.py::test_a_stop_pushes_until_the_hinge_leaves_it_quicker_than_its_spring",
     ),
     "loads on body 2 are not those of the motion": Fault(

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from hingepair.pair.accuracy import PROMISES
+from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.sequences import SEQUENCE_NAMES
@@ -249,7 +249,7 @@ def test_the_table_shows_errors_scales_and_the_verdict():
     assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
     for line, row in zip(rows, report.rows, strict=True):
         assert line.endswith(" ok")
-        assert row.scale.startswith(PROMISES[row.output].scale)
+        assert row.scale.startswith(PROMISED_BOUND_BY_OUTPUT[row.output].scale)
     assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in report.rows[5].scale
     assert "u = 1.11e-16" in unit
     assert verdict == "PASSED: 7 outputs of 10 samples within 16 u*scale of Pinocchio"

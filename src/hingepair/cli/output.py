@@ -19,7 +19,7 @@ from rich.console import Console
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.results import ROWS
+from hingepair.pair.results import ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
 from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES
 
@@ -89,15 +89,15 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
     """Return an iterable of the same pieces that shows a progress bar on a terminal, if there are several.
 
     Args:
-        parts: pieces of ROWS instants each.
+        parts: pieces of ROWS_PER_BLOCK instants each.
         num_instants: number of instants of all pieces together.
     """
     screen = Console(stderr=True)
-    if num_instants <= ROWS or not screen.is_terminal:
+    if num_instants <= ROWS_PER_BLOCK or not screen.is_terminal:
         return parts
     from rich.progress import track
 
-    return track(parts, "computing", -(-num_instants // ROWS), console=screen, transient=True)
+    return track(parts, "computing", -(-num_instants // ROWS_PER_BLOCK), console=screen, transient=True)
 
 
 @contextlib.contextmanager

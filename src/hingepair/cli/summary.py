@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hingepair.numeric.tables import instant_text
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
-from hingepair.pair.evaluate import arrays_of
+from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
 from hingepair.scenes.mechanisms.scene import FRAME_QUANTITY_NAMES, MechanismScene, MechanismSceneResult
@@ -145,7 +145,7 @@ def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.fl
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
     constants = with_hinge_frames(pair.constants)
-    measured = arrays_of(constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
+    measured = compute_arrays(constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
     largest_residuals = []
     for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])

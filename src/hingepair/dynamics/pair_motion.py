@@ -29,8 +29,8 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
-from hingepair.pair.evaluate import call_of
+from hingepair.pair.dynamics import MIN_PIVOT_RATIO, check_resistance, mass_constants
+from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.dynamics_steps import forward_dynamics_steps, inertia_steps
@@ -158,7 +158,9 @@ class PairMotion:
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
             plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
-            return call_of(constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend)
+            return cached_call(
+                constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend
+            )
 
         if not self._is_free_or_pinned:
             _check_hinge_inertia(pair)
@@ -405,7 +407,7 @@ def _check_hinge_inertia(pair: HingePair) -> None:
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
     inertia = axis @ body2.inertia @ axis + body2.mass * (offset @ offset)
-    if inertia <= SINGULAR * np.trace(body2.inertia):
+    if inertia <= MIN_PIVOT_RATIO * np.trace(body2.inertia):
         raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
 
 

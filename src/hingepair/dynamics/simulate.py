@@ -26,7 +26,7 @@ from hingepair.numeric.instants import instants_of
 from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
@@ -329,10 +329,10 @@ def to_spatial_pair(pair: object) -> HingePair:
         ArgumentError: the argument is no pair, or several pairs.
     """
     if isinstance(pair, PlanarPair):
-        check_one(pair)
+        check_single_pair(pair)
         return pair.massive()
     check_pair(pair)
-    check_one(pair)
+    check_single_pair(pair)
     return pair  # type: ignore[return-value]
 
 

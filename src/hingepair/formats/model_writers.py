@@ -33,7 +33,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import matrix_to_euler
@@ -253,7 +253,7 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
         ShapeError: u1, u2, n or home differ from sample to sample.
     """
     check_pair(pair)
-    check_one(pair)
+    check_single_pair(pair)
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
     size = reach if _DRAWABLE_LENGTH_RANGE[0] <= reach <= _DRAWABLE_LENGTH_RANGE[1] else 1.0
     pin = Cylinder(_round_for_drawing(0.04 * size), _round_for_drawing(0.3 * size), pair.u1, pair.n)

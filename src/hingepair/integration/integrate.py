@@ -43,8 +43,8 @@ from hingepair.numeric.arrays import (
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.dask_arrays import holds_dask, lazy_data, over_chunks
 from hingepair.numeric.instants import instants_of
-from hingepair.pair.constants import Constants, check_one, check_pair
-from hingepair.pair.evaluate import STATES, compute_state
+from hingepair.pair.constants import Constants, check_pair, check_single_pair
+from hingepair.pair.evaluate import STATE_CLASS_BY_KIND, compute_state
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -403,7 +403,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     options, plan = request.options, request.plan
     shape = psi.shape
     if not plan.outputs:
-        return STATES[plan.kind]({}, shape)
+        return STATE_CLASS_BY_KIND[plan.kind]({}, shape)
     S1: Any = None if plan.kind is PLANAR_MOTION else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {
         **request.points,
@@ -424,7 +424,7 @@ def _integrate_lazily(pair: Any, t: Array, motion: Mapping[str, Any], choices: M
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
         check_pair(pair)
-    check_one(pair, " beside Dask arrays")
+    check_single_pair(pair, " beside Dask arrays")
     execution_of(choices["backend"], 1)
     R1, point, vector = motion["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
     tails: dict[str, Any] = {
@@ -440,7 +440,9 @@ def _integrate_lazily(pair: Any, t: Array, motion: Mapping[str, Any], choices: M
     errors = over_chunks(_estimate_errors, arguments, tails, template_of=_error_template, index_name="first_motion")
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": choices["method"]} | ({} if is_planar else {"pair": pair})
-    make_state = functools.partial(STATES[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape)
+    make_state = functools.partial(
+        STATE_CLASS_BY_KIND[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape
+    )
     return trajectory_of_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
 
 

@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.forward_kinematics import component
+from hingepair.pair.forward_kinematics import read_component
 
 Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 """One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
@@ -156,7 +156,7 @@ def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str,
         if joint not in values:
             raise ArgumentError(f"{name}[{joint!r}]", "a number or an array", "none")
     parts = tuple(
-        values[joint] if is_foreign(values[joint]) else component(f"{name}[{joint!r}]", values[joint])
+        values[joint] if is_foreign(values[joint]) else read_component(f"{name}[{joint!r}]", values[joint])
         for joint in joint_names
     )
     shapes = {f"{name}[{joint!r}]": tuple(np.shape(part)) for joint, part in zip(joint_names, parts, strict=True)}

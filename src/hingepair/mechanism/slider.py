@@ -12,7 +12,7 @@ from hingepair.errors import quoted
 from hingepair.numeric.arrays import Frozen
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair.body import Body
-from hingepair.pair.constants import check_one
+from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 
 # Names of the fields, in the order of the constructor's arguments.
@@ -73,7 +73,7 @@ class Slider(Frozen, Shown):
     ) -> None:
         # The fields are those of a pair, and so are the checks.
         checked = HingePair(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
-        check_one(checked)
+        check_single_pair(checked)
         for field in _SLIDER_FIELD_NAMES:
             object.__setattr__(self, field, getattr(checked, field))
 

@@ -14,7 +14,7 @@ from hingepair.mechanism.shapes import link_shapes, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body
-from hingepair.pair.constants import check_one
+from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 from hingepair.urdf.rigid import HERE, FramePose, Inertia
@@ -139,7 +139,7 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
             hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
             raise ArgumentError("pairs", f"HingePairs and Sliders{hint}", quoted(pair))
         if isinstance(pair, HingePair):
-            check_one(pair)
+            check_single_pair(pair)
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
         if pair.name == BASE_LINK_NAME:

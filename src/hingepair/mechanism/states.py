@@ -13,7 +13,7 @@ from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
-from hingepair.pair.results import column_names, needed_package
+from hingepair.pair.results import column_names, import_data_package
 
 # Docstrings of the outputs of motion, by name.
 _DOC_BY_MOTION_OUTPUT = {
@@ -140,7 +140,7 @@ class JointResults(Results):
         """
         if len(self.shape) > 1:
             raise ArgumentError("to_dataframe", "one sample, or samples along one axis", f"shape {self.shape}")
-        return needed_package("pandas", "to_dataframe").DataFrame(*self._table())
+        return import_data_package("pandas", "to_dataframe").DataFrame(*self._table())
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
         """Return all samples as rows of an array, None in place of an index, and the names of the columns."""

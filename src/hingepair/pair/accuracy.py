@@ -27,8 +27,8 @@ from hingepair.pair.constants import Constants
 from hingepair.plans.plan import Kind, Plan
 
 
-class Promise(NamedTuple):
-    """Promised error bound of one output.
+class PromisedBound(NamedTuple):
+    """Promised bound on the rounding error of one output, and the formula of the scale that it is relative to.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all
@@ -42,30 +42,30 @@ class Promise(NamedTuple):
     scale: str
 
 
-PROMISES: Mapping[str, Promise] = MappingProxyType(
+PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
     {
-        "S1": Promise(8, 5.1, "1"),
-        "S2": Promise(36, 11.6, "1"),
-        "d": Promise(19, 8.4, "abs(u1) + abs(u2)"),
-        "R2": Promise(20, 8.4, "max abs(R1) + abs(u1) + abs(u2)"),
-        "omega1": Promise(7, 3.4, "W1"),
-        "omega2": Promise(14, 6.1, "W2 = W1 + abs(psi')"),
-        "v2": Promise(32, 12.3, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
-        "alpha1": Promise(7, 4.5, "A1"),
-        "alpha2": Promise(25, 9.3, "A2 = A1 + abs(psi'') + W1 abs(psi')"),
-        "a2": Promise(34, 12.7, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
+        "S1": PromisedBound(8, 5.1, "1"),
+        "S2": PromisedBound(36, 11.6, "1"),
+        "d": PromisedBound(19, 8.4, "abs(u1) + abs(u2)"),
+        "R2": PromisedBound(20, 8.4, "max abs(R1) + abs(u1) + abs(u2)"),
+        "omega1": PromisedBound(7, 3.4, "W1"),
+        "omega2": PromisedBound(14, 6.1, "W2 = W1 + abs(psi')"),
+        "v2": PromisedBound(32, 12.3, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
+        "alpha1": PromisedBound(7, 4.5, "A1"),
+        "alpha2": PromisedBound(25, 9.3, "A2 = A1 + abs(psi'') + W1 abs(psi')"),
+        "a2": PromisedBound(34, 12.7, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
     }
 )
 """By output; of states whose numbers are 0 or in the normal range, results and scales too. Below the smallest normal
 number, that number stands for u * scale."""
 
-PINOCCHIO_BOUND = 16
+PINOCCHIO_BOUND_ROUNDOFFS = 16
 """Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
 
-PLANAR_SCALES: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
+SCALE_FORMULA_BY_PLANAR_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
 """The scale of what planar pairs alone have: an angle rounds as it grows."""
 
-PINOCCHIO_TERMS: Mapping[str, str] = MappingProxyType(
+PINOCCHIO_SCALE_TERM_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
 )
 """Output -> what its scale gains against Pinocchio, whose terms are larger before they cancel: it crosses omega2 with
@@ -85,7 +85,8 @@ def unit_roundoff(dtype: DTypeLike) -> float:
 def euler_rate_sizes(
     phid: ArrayLike | None, phidd: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return W1 and A1 of a motion given by Euler angles; shape (..., 3) each, None where not given.
+    """Return (W1, A1) of a motion given by Euler angles: the sums of abs(phi') and of abs(phi''), to which W1^2 is
+    added. Rates have shape (..., 3); None gives None.
 
     >>> W1, A1 = euler_rate_sizes((1, -2, 0), (0, 0, 3))
     >>> float(W1), float(A1)
@@ -100,10 +101,12 @@ def euler_rate_sizes(
         return W1, np.abs(np.asarray(phidd, dtype=np.float64)).sum(axis=-1) + W1 * W1
 
 
-def given_rate_sizes(
+def angular_rate_sizes(
     omega1: ArrayLike | None, alpha1: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return W1 and A1 of a motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each."""
+    """Return (W1, A1) of a motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each; None
+    gives None.
+    """
     return (None if omega1 is None else norm(omega1)), (None if alpha1 is None else norm(alpha1))
 
 
@@ -120,7 +123,8 @@ def output_scales(
     psidd: ArrayLike | None = None,
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
-    """Return the scale of every output that the arguments allow, sample by sample (the formulas of `PROMISES`).
+    """Return by output name the scale that rounding errors are relative to, sample by sample (the formulas of
+    `PROMISED_BOUND_BY_OUTPUT`). Outputs that the arguments do not suffice for are absent.
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -132,7 +136,7 @@ def output_scales(
         A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
         psid: hinge rate [rad/s]; shape (...,).
         psidd: hinge acceleration [rad/s^2]; shape (...,).
-        pinocchio: add `PINOCCHIO_TERMS` (a2 then needs v1).
+        pinocchio: add `PINOCCHIO_SCALE_TERM_BY_OUTPUT` (a2 then needs v1).
 
     Returns:
         Output name -> scale, of a shape that broadcasts against the samples; an output whose arguments are
@@ -148,12 +152,20 @@ def output_scales(
     turning = {"W1": W1, "A1": A1, "W": psid, "A": psidd}
     sizes = linear | {name: None if value is None else _largest_size(value) for name, value in turning.items()}
     with np.errstate(over="ignore", invalid="ignore"):
-        found = _formulas(**sizes, pinocchio=pinocchio)
-    return {name: np.asarray(found[name]) for name in PROMISES if found[name] is not None}
+        scale_by_output = _scale_formulas(**sizes, pinocchio=pinocchio)
+    return {
+        name: np.asarray(scale_by_output[name])
+        for name in PROMISED_BOUND_BY_OUTPUT
+        if scale_by_output[name] is not None
+    }
 
 
-def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool) -> Any:
-    """Evaluate the formulas of `PROMISES` on sizes, of which any but U1 and U2 may be None; W, A are the hinge's."""
+def _scale_formulas(
+    U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
+) -> Any:
+    """Return by output name the scale, computed from the sizes of vectors and rates; None where a size is None. W and
+    A are those of the hinge rate and its derivative.
+    """
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
@@ -179,7 +191,8 @@ def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: 
 def error_ratios(
     output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the largest error of an output's components at each sample, plain and in units of u * scale.
+    """Return (error, ratio) of an output at each sample: the largest error of its components, and this error in units
+    of u * scale.
 
     Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
     ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
@@ -229,78 +242,84 @@ def _largest_size(value: ArrayLike) -> Float64Array:
 
 Bounds = dict[str, NDArray[np.float64]]
 
-_ERROR_BEFORE_ROUNDING = 2.0**-90
+_CONSTANTS_REL_ERROR = 2.0**-90
 """Largest error of the axis and the levers before their last rounding, relative to the size of their inputs."""
 
 # The levers that each constant of a pair was computed of, which carry its errors.
-_LEVERS_OF_CONSTANTS = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_cos": ("u2",), "lever_sin": ("u2",)}
+_INPUTS_BY_DERIVED_CONSTANT = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_cos": ("u2",), "lever_sin": ("u2",)}
 
 
 def error_bounds(
     kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
-    """Return the bounds of the outputs of forward_kinematics for coordinates."""
+    """Return by output name bounds on the rounding errors of forward_kinematics from coordinates, shape (...,)."""
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
-    return _bounds(pair, plan, coordinates.parts, coordinates.shapes)
+    return _plan_error_bounds(pair, plan, coordinates.parts, coordinates.shapes)
 
 
 def error_bounds_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
 ) -> Bounds:
-    """Return the bounds of the outputs of forward_kinematics_from_body1."""
+    """Return by output name bounds on the rounding errors of forward_kinematics_from_body1, shape (...,)."""
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
     arrays = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
-    return _bounds(pair, plan, arrays, shapes)
+    return _plan_error_bounds(pair, plan, arrays, shapes)
 
 
-def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
-    """Return bounds on the rounding errors of the outputs of a plan for given inputs, by output name."""
+def _plan_error_bounds(
+    pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
+) -> Bounds:
+    """Return by output name bounds on the rounding errors of a plan for given inputs, shape (...,)."""
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
-    made_of = {name: parts for name, parts in _LEVERS_OF_CONSTANTS.items() if name != "n" or not aligned}
+    source_names = {name: parts for name, parts in _INPUTS_BY_DERIVED_CONSTANT.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on inputs with error bounds; return the largest bound of each output."""
+        """Run the plan on numbers with error bounds; return by output name the largest bound of its components."""
         bounded = {
-            name: _bounded_inputs(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()
+            name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
         }
         plan.run(bounded)
         return {name: _largest(bounded[name]) for name in plan.outputs}
 
-    wanted = plan.inputs | {"u1", "u2"}
+    required_names = plan.inputs | {"u1", "u2"}
     groups = {
-        name: _components(group, plan.kind.shapes[name])
+        name: _as_components(group, plan.kind.shapes[name])
         for name, group in {**pair.values, **values}.items()
-        if name in wanted
+        if name in required_names
     }
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     return tabulate(bounds, groups, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
 
 
-def _components(group: Any, tail: tuple[int, ...]) -> Any:
-    """Return a group in the form that equations take: a component, or a tuple of components."""
-    if not isinstance(group, np.ndarray) or tail == ():
-        return group
-    if group.ndim == len(tail) and group.dtype.char == "d":
-        return tuple(group.ravel().tolist())
-    return components_of(group, len(tail))
+def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
+    """Return a quantity in the form that equations take: a number or array, or a tuple of its components."""
+    if not isinstance(quantity, np.ndarray) or sample_shape == ():
+        return quantity
+    if quantity.ndim == len(sample_shape) and quantity.dtype.char == "d":
+        return tuple(quantity.ravel().tolist())
+    return components_of(quantity, len(sample_shape))
 
 
-def _bounded_inputs(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:
-    """Return the inputs of a plan as bounded numbers: exact, or rounded from what they were computed of."""
-    if not isinstance(group, tuple):
-        return kind.rounded(group)
-    if not made_of:
-        return tuple(kind.rounded(c) for c in group)
-    size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in made_of)
+def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]) -> Any:
+    """Return the components of one plan input as numbers with error bounds: half a unit in the last place, or more
+    where the input was computed from the numbers that `source_names` name.
+    """
+    if not isinstance(quantity, tuple):
+        return number_type.rounded(quantity)
+    if not source_names:
+        return tuple(number_type.rounded(c) for c in quantity)
+    size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
     return tuple(
-        kind.rounded(c, np.spacing(np.abs(c)) / 2 + _ERROR_BEFORE_ROUNDING * size + BoundedDouble.smallest)
-        for c in group
+        number_type.rounded(c, np.spacing(np.abs(c)) / 2 + _CONSTANTS_REL_ERROR * size + BoundedDouble.smallest)
+        for c in quantity
     )
 
 
-def _largest(group: Any) -> Any:
+def _largest(quantity: Any) -> Any:
     """Return the largest bound of several components; a plain number is exact."""
-    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in (group if isinstance(group, tuple) else (group,))]
+    errors = [
+        c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))
+    ]
     return functools.reduce(np.maximum, errors)

@@ -17,15 +17,17 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
 
 _DEFAULT_MASS: Final = 1.0  # kg, of a body whose mass is not given
-_GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
+_DEFAULT_GYRATION_RADIUS_SQUARED = 0.01  # m^2, of a body whose inertia is not given
 
-_ROUND_OFF = 64 * 2.0**-53  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
-_FLATNESS_TOLERANCE: Final = 1e-3
+_MOMENT_ROUNDING_TOLERANCE = (
+    64 * 2.0**-53
+)  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
+_MAX_MOMENT_EXCESS_SHARE: Final = 1e-3
 """Share of the sum of the principal moments by which the largest may exceed the other two together.
 
 Moments of a flat body that are written with three digits are off by so much; what passes is warned of.
 """
-_MAX_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
+_MAX_INERTIA_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
 
 
 class DynamicsWarning(UserWarning):
@@ -42,7 +44,8 @@ def warn_of_dynamics(sentence: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
-    """A box, its edges along the body's axes or turned.
+    """A solid box: a shape of a body, for its inertia and its picture. Its edges lie along the body's axes, or are
+    turned.
 
     Args:
         size: lengths of its edges along its x, y and z, each above zero [m]; shape (3,).
@@ -107,7 +110,7 @@ class Cylinder(Frozen):
         axis: ArrayLike = (0.0, 0.0, 1.0),
     ) -> None:
         direction = read_only(unit_axis("axis", one_constant("axis", axis, 3)))
-        values = {"radius": _positive("radius", radius), "length": _positive("length", length)}
+        values = {"radius": _positive_number("radius", radius), "length": _positive_number("length", length)}
         _freeze(self, **values, center=one_constant("center", center, 3), axis=direction)
 
     def __repr__(self) -> str:
@@ -116,7 +119,7 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A sphere.
+    """A solid sphere: a shape of a body, for its inertia and its picture.
 
     Args:
         radius: above zero [m].
@@ -134,7 +137,7 @@ class Sphere(Frozen):
     center: NDArray[np.float64]
 
     def __init__(self, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        _freeze(self, radius=_positive("radius", radius), center=one_constant("center", center, 3))
+        _freeze(self, radius=_positive_number("radius", radius), center=one_constant("center", center, 3))
 
     def __repr__(self) -> str:
         return _show(self, "radius", "center")
@@ -193,24 +196,24 @@ class Body(Frozen):
         mass = None if mass is earlier.get("mass") else mass
         center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
-        value = _DEFAULT_MASS if mass is None else _positive("mass", mass)
+        value = _DEFAULT_MASS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
-        drawn = tuple(shapes)
-        for shape in drawn:
+        shape_tuple = tuple(shapes)
+        for shape in shape_tuple:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        middle, spread = _of_shapes(drawn if inertia is None else ())
+        middle, spread = _mass_distribution(shape_tuple if inertia is None else ())
         centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
-        tensor = _checked_inertia(value * spread if inertia is None else _tensor(inertia))
+        tensor = _checked_inertia(value * spread if inertia is None else _inertia_matrix(inertia))
         arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
         values = {"mass": value, "center_of_mass": centre, "inertia": tensor}
         computed = {name: own for name, own in values.items() if arguments[name] is None}
-        _freeze(self, **values, shapes=drawn, _computed=computed)
+        _freeze(self, **values, shapes=shape_tuple, _computed=computed)
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """The sentences about a mass or an inertia that dynamics takes although it was not given."""
+        """Sentences that say which mass or inertia dynamics assumes because none was given; empty otherwise."""
         sentences = []
         if "mass" in self._computed:
             sentences.append(
@@ -226,10 +229,12 @@ class Body(Frozen):
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
 
 
-def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centre of mass of shapes of one density, and the inertia about it for each kilogram."""
+def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the centre of mass of shapes of one density, and the inertia about it per kilogram. Without shapes: the
+    reference point, and the default inertia.
+    """
     if not shapes:
-        return read_only(np.zeros(3)), _GYRATION_SQUARED * np.eye(3)
+        return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
     volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
     shares, places = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
     middle = shares @ places
@@ -239,7 +244,7 @@ def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Return the volume, and the mean of x x^T about the centre, body axes."""
+    """Return the volume of a shape, and the mean of x x^T over it, x from its centre in body axes; shape (3, 3)."""
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
     square = shape.radius**2
@@ -249,15 +254,16 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
     return np.pi * square * shape.length, square / 4 * (np.eye(3) - along) + shape.length**2 / 12 * along
 
 
-def _tensor(inertia: ArrayLike) -> NDArray[np.float64]:
-    """Return the inertia matrix; three principal moments give a diagonal one."""
+def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
+    """Return the inertia as a matrix; three principal moments give a diagonal one. Refuse other shapes."""
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
     return one_constant("inertia", inertia, 3, 3)
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia, exactly symmetric, if a rigid body can have it up to the rounding of its moments.
+    """Return the inertia, made exactly symmetric. Raise ArgumentError if no rigid body has it; warn if only rounding
+    of its moments explains it.
 
     Raises:
         ArgumentError: no rigid body can have it.
@@ -266,16 +272,16 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
     scaled = inertia / size
-    if np.abs(scaled - scaled.T).max() > _MAX_ASYMMETRY:
+    if np.abs(scaled - scaled.T).max() > _MAX_INERTIA_ASYMMETRY:
         raise ArgumentError("inertia", "a symmetric matrix", inertia)
     small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
     moments = [moment * size for moment in (small, middle, large)]
     if small <= 0:
         raise ArgumentError("inertia", "principal moments above 0", moments)
     excess, total = large - small - middle, small + middle + large
-    if excess > _FLATNESS_TOLERANCE * total:
+    if excess > _MAX_MOMENT_EXCESS_SHARE * total:
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
-    if excess > _ROUND_OFF * large:
+    if excess > _MOMENT_ROUNDING_TOLERANCE * large:
         shown = ", ".join(f"{moment:.6g}" for moment in moments)
         above = (
             f"the largest of the principal moments {shown} is {100 * excess / (small + middle):.2g} % above the sum"
@@ -285,8 +291,8 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     return read_only(inertia / 2 + inertia.T / 2)
 
 
-def _positive(name: str, value: object) -> float:
-    """Check that a value is a finite number above 0, and return it as a float."""
+def _positive_number(name: str, value: object) -> float:
+    """Return a value as a float; raise ArgumentError unless it is a finite number above 0."""
     number = finite_number(name, value)
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)

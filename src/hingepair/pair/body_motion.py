@@ -15,7 +15,7 @@ from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.numeric.dask_arrays import holds_dask, lazy_data
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
-SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
+MOTION_SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
     **dict.fromkeys(("R", "S", "v", "omega", "a", "alpha"), (3,)),
     "S": (3, 3),
 }
@@ -69,16 +69,16 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> None:
-        given: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
-        given = {name: lazy_data(value) for name, value in given.items()}
-        if S is not None and not holds_dask(given) and library_of(given) is None:
-            given["S"] = vectors("S", S, 3, 3)
-            check_rotation("S", given["S"])
-        _fill(self, given)
+        array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
+        array_by_name = {name: lazy_data(value) for name, value in array_by_name.items()}
+        if S is not None and not holds_dask(array_by_name) and library_of(array_by_name) is None:
+            array_by_name["S"] = vectors("S", S, 3, 3)
+            check_rotation("S", array_by_name["S"])
+        _set_arrays(self, array_by_name)
 
     def __repr__(self) -> str:
-        given = ", ".join(name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None)
-        return f"{type(self).__name__}(shape={self.shape}, {given})"
+        names = ", ".join(name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None)
+        return f"{type(self).__name__}(shape={self.shape}, {names})"
 
     @classmethod
     def from_quaternion_xyzw(
@@ -91,7 +91,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return the motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
+        """Return a BodyMotion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
 
         quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
         as in `BodyMotion`.
@@ -119,7 +119,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return the motion with the attitude of quaternions, scalar first (MuJoCo).
+        """Return a BodyMotion with the attitude of quaternions, scalar first (MuJoCo).
 
         quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
         as in `BodyMotion`.
@@ -147,7 +147,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return the motion with the attitude of rotation vectors, axis times angle.
+        """Return a BodyMotion with the attitude of rotation vectors, axis times angle.
 
         rotvec: body to world [rad]; shape (..., 3). S is right to 6 u (u = 2^-53) up to an angle of 1e15;
         the rest as in `BodyMotion`.
@@ -162,7 +162,7 @@ class BodyMotion(Frozen):
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion whose S is known to be rotations, made by this library: it is not checked again.
+    """Return a BodyMotion of the arguments without a check that S holds rotations, which the caller guarantees.
 
     The arguments are those of `BodyMotion`.
 
@@ -170,24 +170,26 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
         ShapeError, DtypeError: an array cannot be used.
     """
     body: BodyMotion = object.__new__(BodyMotion)
-    _fill(body, arrays)
+    _set_arrays(body, arrays)
     return body
 
 
-def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
-    """Set the attributes of a motion to views of arrays."""
+def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
+    """Set the attributes of a BodyMotion to read-only views of arrays, and its `shape`; refuse arrays of another
+    shape.
+    """
     shapes = {}
-    for name, tail in SAMPLE_SHAPES.items():
+    for name, tail in MOTION_SAMPLE_SHAPES.items():
         value = arrays.get(name)
-        array = None if value is None and name != "R" else _read(name, value, *tail)
+        array = None if value is None and name != "R" else _read_motion_array(name, value, *tail)
         object.__setattr__(body, name, array)
         if array is not None:
             shapes[name] = array.shape[: array.ndim - len(tail)]
     object.__setattr__(body, "shape", broadcast_shape(shapes))
 
 
-def _read(name: str, value: Any, *tail: int) -> Any:
-    """Return a view of an array that cannot be written to; an array of another library as it is."""
+def _read_motion_array(name: str, value: Any, *tail: int) -> Any:
+    """Return a read-only view of an array, or an array of another library as it is; refuse another sample shape."""
     if not is_foreign(value) and not holds_dask(value):
         try:
             return read_only(vectors(name, value, *tail))
@@ -200,7 +202,8 @@ def _read(name: str, value: Any, *tail: int) -> Any:
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return some arrays of a body by its argument's name: R of "body1" is R1. Foreign arrays become NumPy's.
+    """Return arrays of a BodyMotion by letter and number of the body: R of the argument "body1" is R1. Arrays of
+    other libraries become NumPy's; a missing one raises ArgumentError.
 
     Raises:
         ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.

@@ -16,12 +16,13 @@ from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_o
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
-_IDENTITY = read_only(np.eye(3))  # the home attitude C unless given
+_IDENTITY_ROTATION = read_only(np.eye(3))  # the home attitude C unless given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """The constants of a pair: u1, u2 and n, home where it is not the identity, and the levers, by component.
+    """Constants of a pair as its calls take them: u1, u2, n, home where it is not the identity, and the levers
+    computed from these; by component and as arrays.
 
     Attributes:
         values: components by name; floats where the pair is one.
@@ -44,7 +45,7 @@ class Constants:
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """Return the constants of a pair.
+    """Return the Constants of a pair, computed from its geometry; raise an error that names a wrong argument.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -53,13 +54,13 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     """
     vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
     axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
-    rotation = _IDENTITY if home is None else constant("home", home, 3, 3)
+    rotation = _IDENTITY_ROTATION if home is None else constant("home", home, 3, 3)
     if home is not None:
         check_rotation("home", rotation)
     shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
     shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
     values: Named = {name: numbers(vector) for name, vector in vectors.items()}
-    if not (rotation == _IDENTITY).all():
+    if not (rotation == _IDENTITY_ROTATION).all():
         values["home"] = numbers(rotation, 2)
     values |= _axis_and_levers(values, numbers(axis))
     computed = {
@@ -70,7 +71,8 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return the unit axis, and lever_fixed, lever_cos and lever_sin (LEVER_CONSTANT_STEPS), body-1 axes [m].
+    """Return by name the axis n at unit length, and lever_fixed, lever_cos and lever_sin of
+    `plans.steps.LEVER_STEPS`, body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -105,26 +107,27 @@ def _stack_components(components: Components) -> NDArray[np.float64]:
     return np.stack(np.broadcast_arrays(*components), axis=-1)
 
 
-HINGE_FRAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
+HINGE_FRAME_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 """What `with_hinge_frames` adds."""
 
 
 def with_hinge_frames(pair: Constants) -> Constants:
-    """Return the pair's constants with the hinge's frame (e1, e2, n) in the axes of body 1 and of body 2.
+    """Return the constants of a pair, extended by the unit vectors (e1, e2, n) of its hinge in the axes of body 1 and
+    of body 2. The result is kept in `pair.prepared`.
 
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
     """
-    constants: Constants | None = pair.prepared.get(HINGE_FRAMES)
+    constants: Constants | None = pair.prepared.get(HINGE_FRAME_NAMES)
     if constants is None:
         frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
         constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
-        pair.prepared[HINGE_FRAMES] = constants
+        pair.prepared[HINGE_FRAME_NAMES] = constants
     return constants
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
-    """Return two unit vectors perpendicular to n, and n, in the axes of body 1 and of body 2."""
+    """Return by name two unit vectors perpendicular to n, and n, in the axes of body 1 and of body 2."""
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
@@ -137,7 +140,7 @@ def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> N
 
 
 def check_pair(pair: object) -> None:
-    """Refuse what is no pair.
+    """Raise ArgumentError if `pair` is not a HingePair.
 
     Raises:
         ArgumentError: names the argument `pair`.
@@ -147,8 +150,8 @@ def check_pair(pair: object) -> None:
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
-def check_one(pair: Any, where: str = "") -> None:
-    """Refuse a pair that differs from sample to sample.
+def check_single_pair(pair: Any, where: str = "") -> None:
+    """Raise ShapeError if the geometry of a pair differs from sample to sample.
 
     Args:
         pair: a HingePair or a PlanarPair.

@@ -12,69 +12,79 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.evaluate import arrays_of
-from hingepair.pair.forward_kinematics import CoordinateInput, component, read_pair_coordinates
+from hingepair.pair.evaluate import compute_arrays
+from hingepair.pair.forward_kinematics import CoordinateInput, read_component, read_pair_coordinates
 from hingepair.plans.plan import SPATIAL_MOTION
 from hingepair.rotations.sequences import find_sequence
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
-    return _from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
+    return _outputs_from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
     """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
     name = "acceleration_bias"
-    return _from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
+    return _outputs_from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
 
 
-def _from_body1(
+def _outputs_from_body1(
     pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
-    """Return outputs computed from some quantities of body 1, and from psi and its rate."""
-    values = {**motion_arrays("body1", body1, *letters), **{n: component(n, value) for n, value in hinge.items()}}
+    """Return outputs as arrays by name, computed from the arrays of body 1 that `letters` name, from psi and from its
+    rate.
+    """
+    values = {
+        **motion_arrays("body1", body1, *letters),
+        **{n: read_component(n, value) for n, value in hinge.items()},
+    }
     shapes = {"body1": body1.shape, **{name: np.shape(values[name]) for name in hinge}}
-    return arrays_of(pair, names, values, shapes)
+    return compute_arrays(pair, names, values, shapes)
 
 
 def coordinate_jacobian(pair: Constants, q: CoordinateInput, sequence: str) -> FloatArray:
     """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4)."""
-    return _by_coordinates(pair, "coordinate_jacobian", q, None, sequence)
+    return _output_from_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 
 def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: CoordinateInput, sequence: str) -> FloatArray:
-    """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9)."""
+    """Compute Jq', the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9); an array of
+    shape (..., 6, 7).
+    """
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
-    return _by_coordinates(pair, "coordinate_jacobian_rate", q, qd, sequence)
+    return _output_from_coordinates(pair, "coordinate_jacobian_rate", q, qd, sequence)
 
 
-def _by_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
+def _output_from_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
     find_sequence(sequence)
-    given = read_pair_coordinates(SPATIAL_MOTION, q, qd, None)
-    return arrays_of(pair, (name,), given.parts, given.shapes, sequence=sequence)[name]
+    coordinates = read_pair_coordinates(SPATIAL_MOTION, q, qd, None)
+    return compute_arrays(pair, (name,), coordinates.parts, coordinates.shapes, sequence=sequence)[name]
 
 
 def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
     """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
-    return _of_both(pair, "constraint_jacobian", body1, body2, "S")
+    return _outputs_from_both_bodies(pair, "constraint_jacobian", body1, body2, "S")
 
 
 def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
     """Compute the velocity part of the constraints' second derivative (E1, E2)."""
-    return _of_both(pair, "constraint_bias", body1, body2, "S", "omega")
+    return _outputs_from_both_bodies(pair, "constraint_bias", body1, body2, "S", "omega")
 
 
-def _of_both(pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str) -> FloatArray:
+def _outputs_from_both_bodies(
+    pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str
+) -> FloatArray:
     values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}
     shapes = {"body1": body1.shape, "body2": body2.shape}
-    return arrays_of(with_hinge_frames(pair), (name,), values, shapes)[name]
+    return compute_arrays(with_hinge_frames(pair), (name,), values, shapes)[name]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivities(Frozen):
-    """Derivatives of d = R2 - R1, S2, v2, omega2 by u1, u2, n, psi; `d_by_u1`: of d by u1; world axes, read-only.
+    """Derivatives of d = R2 - R1, S2, v2, omega2 by u1, u2, n, psi, as arrays; `d_by_u1` is that of d by u1. World
+    axes, read-only.
 
     The last axis is the component of what is varied (none for psi): where u1 changes by a small du, d changes by
     d_by_u1 @ du. Those of v2 and omega2 are None where rates were not given; those of S2 by u1 and u2 and of omega2
@@ -109,16 +119,19 @@ class Sensitivities(Frozen):
 
 
 def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """Compute derivatives of R2 and of body 2's attitude by u1, u2, n and home (E5, E7); shape (..., 6, 12).
+    """Compute the derivatives of R2 and of body 2's attitude by u1, u2, n and home (E5, E7); an array of shape (...,
+    6, 12).
 
     The attitude is the rotation vector, world axes, that turns body 2; home changes by a rotation vector in body 1's
     axes, from the left.
     """
-    given = _from_body1(pair, ("S2", "d_by_u1", "d_by_u2", "d_by_n", "S2_by_n"), body1, "S", psi=psi)
-    S2 = given["S2"]
+    arrays = _outputs_from_body1(pair, ("S2", "d_by_u1", "d_by_u2", "d_by_n", "S2_by_n"), body1, "S", psi=psi)
+    S2 = arrays["S2"]
     slopes = np.zeros((*S2.shape[:-2], 6, 12))
-    slopes[..., :3, 0:3], slopes[..., :3, 3:6], slopes[..., :3, 6:9] = (given[f"d_by_{x}"] for x in ("u1", "u2", "n"))
-    turn = np.einsum("...ijk,...lj->...ilk", given["S2_by_n"], S2)  # (dS2/dn_k) S2^T = [rotation vector]x
+    slopes[..., :3, 0:3], slopes[..., :3, 3:6], slopes[..., :3, 6:9] = (
+        arrays[f"d_by_{x}"] for x in ("u1", "u2", "n")
+    )
+    turn = np.einsum("...ijk,...lj->...ilk", arrays["S2_by_n"], S2)  # (dS2/dn_k) S2^T = [rotation vector]x
     for row, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         slopes[..., 3 + row, 6:9] = (turn[..., i, j, :] - turn[..., j, i, :]) / 2
     home = pair.arrays["home"]
@@ -129,16 +142,18 @@ def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Flo
 
 
 # The sensitivities that the pose alone gives.
-POSE_SENSITIVITIES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
+POSE_SENSITIVITY_NAMES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
 # Those that velocities give.
-RATE_SENSITIVITIES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
+RATE_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
-    """Compute derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
+    """Compute the Sensitivities: derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are
+    those of d.
+    """
     if psid is None:
-        outputs = _from_body1(pair, POSE_SENSITIVITIES, body1, "S", psi=psi)
+        outputs = _outputs_from_body1(pair, POSE_SENSITIVITY_NAMES, body1, "S", psi=psi)
     else:
-        names = (*POSE_SENSITIVITIES, *RATE_SENSITIVITIES)
-        outputs = _from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
+        names = (*POSE_SENSITIVITY_NAMES, *RATE_SENSITIVITY_NAMES)
+        outputs = _outputs_from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
     return Sensitivities(**{name: read_only(array) for name, array in outputs.items()})

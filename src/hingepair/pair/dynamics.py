@@ -18,8 +18,8 @@ from hingepair.numeric.arrays import FloatArray, one_constant, vectors
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import call_of
-from hingepair.pair.forward_kinematics import component
+from hingepair.pair.evaluate import cached_call
+from hingepair.pair.forward_kinematics import read_component
 from hingepair.plans.dynamics_steps import FORWARD_DYNAMICS_OUTPUT_NAMES, INVERSE_DYNAMICS_OUTPUT_NAMES, LOAD_NAMES
 from hingepair.plans.plan import SPATIAL_MOTION, make_plan
 
@@ -27,17 +27,17 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_ZERO: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
-_FALL, _NONE = np.array(GRAVITY), np.zeros(3)
+_NO_VECTOR_LOAD: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
+_DEFAULT_GRAVITY_ARRAY, _NO_FORCE = np.array(GRAVITY), np.zeros(3)
 # The loads that are vectors: forces and torques on the bodies.
-_FORCES = tuple(name for name in LOAD_NAMES if name != "hinge_torque")
-_MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}  # constants of a body 1 without mass
-SINGULAR = 64 * 2.0**-53
+_VECTOR_LOAD_NAMES = tuple(name for name in LOAD_NAMES if name != "hinge_torque")
+_MASSLESS_BODY1_CONSTANTS = {"m1": 0.0, "c1": _NO_VECTOR_LOAD, "I1": (0.0,) * 9}  # constants of a body 1 without mass
+MIN_PIVOT_RATIO = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
 
 
-def _in_a_line(self: Any) -> str:
-    """Return a tuple of arrays as one line: numbers by name, and of more than nine numbers the shape."""
+def _one_line_repr(self: Any) -> str:
+    """Return a tuple of arrays as one line of text: numbers by name, and of more than nine numbers the shape."""
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
     parts = (
         f"{n}={v!r}" if math.prod(shapes[n]) <= 9 else f"{n}: shape {shapes[n]}" for n, v in self._asdict().items()
@@ -60,7 +60,7 @@ class Forces(NamedTuple):
     hinge_torque: FloatArray
 
     def __repr__(self) -> str:
-        return _in_a_line(self)
+        return _one_line_repr(self)
 
 
 class Accelerations(NamedTuple):
@@ -77,7 +77,7 @@ class Accelerations(NamedTuple):
     psidd: FloatArray
 
     def __repr__(self) -> str:
-        return _in_a_line(self)
+        return _one_line_repr(self)
 
 
 class HingeWrench(NamedTuple):
@@ -97,11 +97,11 @@ class HingeWrench(NamedTuple):
     bearing_torque: FloatArray
 
     def __repr__(self) -> str:
-        return _in_a_line(self)
+        return _one_line_repr(self)
 
 
 class Energy(NamedTuple):
-    """The pair's energy (D7).
+    """Kinetic and potential energy of the pair (D7).
 
     Attributes:
         kinetic: of both bodies [J]; shape (...).
@@ -112,11 +112,11 @@ class Energy(NamedTuple):
     potential: FloatArray
 
     def __repr__(self) -> str:
-        return _in_a_line(self)
+        return _one_line_repr(self)
 
 
 class Momentum(NamedTuple):
-    """The pair's momentum (D8).
+    """Linear and angular momentum of the pair (D8).
 
     Attributes:
         linear: of both bodies, world axes [kg m/s]; shape (..., 3).
@@ -127,14 +127,14 @@ class Momentum(NamedTuple):
     angular: FloatArray
 
     def __repr__(self) -> str:
-        return _in_a_line(self)
+        return _one_line_repr(self)
 
 
-def mass_constants(bodies: Mapping[str, Body | None], without_body1: str = "") -> dict[str, Any]:
-    """Return masses, centres and inertias of body1 or body2, or both, as constants of the equations.
+def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
+    """Return masses, centres and inertias of the bodies by name (m1, c1, I1, ...). Warn of assumed values. Raise
+    ArgumentError for a body without mass, with `hint_without_body1` behind the message.
 
-    Warns of a mass or an inertia that is not given. `without_body1` ends the message where body 1 has none: what to
-    ask instead.
+    `hint_without_body1` says what to ask instead where body 1 has no mass.
 
     Raises:
         ArgumentError: a body has no mass properties; names it.
@@ -143,7 +143,7 @@ def mass_constants(bodies: Mapping[str, Body | None], without_body1: str = "") -
     for name, body in bodies.items():
         if body is None:
             ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-            instead = without_body1 if name == "body1" else ""
+            instead = hint_without_body1 if name == "body1" else ""
             raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}{instead}", None)
         centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
         values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
@@ -157,18 +157,20 @@ def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
     return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
 
 
-def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
-    """Return the pair's constants, extended by the required mass properties, gravity, and loads of zero.
+def with_loads_and_masses(
+    constants: Constants, bodies: Bodies, gravity: ArrayLike, needed_names: Iterable[str]
+) -> Constants:
+    """Return the pair's constants, extended by gravity, loads of zero, and the mass properties among `needed_names`.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
     """
     needed_bodies = {
-        name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}
+        name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed_names}
     }
-    none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOAD_NAMES}
+    zero_loads = {name: 0.0 if name == "hinge_torque" else _NO_VECTOR_LOAD for name in LOAD_NAMES}
     fall = one_constant("gravity", gravity, 3).tolist()
-    return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(needed_bodies)})
+    return _with(constants, {"gravity": tuple(fall), **zero_loads, **mass_constants(needed_bodies)})
 
 
 def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
@@ -176,8 +178,10 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Quantity:
-    """A quantity of a pair with masses: its outputs, and what they are computed from."""
+class DynamicsQuantity:
+    """Request for a quantity of dynamics: the names of its outputs, and the arrays of body 1 and the masses that it
+    needs.
+    """
 
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
@@ -185,95 +189,112 @@ class Quantity:
     without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
 
 
-MASS_MATRIX = Quantity(("mass_matrix",), ("S",))  # D6
+MASS_MATRIX_QUANTITY = DynamicsQuantity(("mass_matrix",), ("S",))  # D6
 # Inverse dynamics, D1-D5.
-FORCES = Quantity(
+FORCES_QUANTITY = DynamicsQuantity(
     INVERSE_DYNAMICS_OUTPUT_NAMES,
     ("S", "omega", "a", "alpha"),
     without_body1="; or pair.hinge_wrench, for which body 2 suffices",
 )
 # The wrench of body 1 on body 2, D3, D4.
-HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
-ACCELERATIONS = Quantity((*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega"))  # forward dynamics, D6
+HINGE_WRENCH_QUANTITY = DynamicsQuantity(
+    ("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
+)
+ACCELERATIONS_QUANTITY = DynamicsQuantity(
+    (*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega")
+)  # forward dynamics, D6
 # D7.
-ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
+ENERGY_QUANTITY = DynamicsQuantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
+MOMENTUM_QUANTITY = DynamicsQuantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
 
 
 def compute_quantity(
-    what: Quantity,
+    quantity: DynamicsQuantity,
     constants: Constants,
     bodies: Bodies,
     body1: BodyMotion,
     gravity: ArrayLike = GRAVITY,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """Return the outputs of a quantity at all samples, in order; `given` are psi, psid, psidd and loads.
+    """Compute the outputs of a DynamicsQuantity at all samples; return its arrays in the order of `quantity.outputs`.
+    `given` are psi, psid, psidd and loads. The compiled call is kept in `constants.prepared`.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
     """
-    fall = _FALL if gravity is GRAVITY else one_constant("gravity", gravity, 3)
-    loads = {name: _load_array(name, value) if name in _FORCES else value for name, value in given.items()}
-    call: Call | None = constants.prepared.get(what)
+    fall = _DEFAULT_GRAVITY_ARRAY if gravity is GRAVITY else one_constant("gravity", gravity, 3)
+    loads = {name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value for name, value in given.items()}
+    call: Call | None = constants.prepared.get(quantity)
     if call is not None and type(body1) is BodyMotion:
-        state = call.fast_path(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
+        state = call.fast_path(*(getattr(body1, letter) for letter in quantity.letters), fall, *loads.values())
         if state is not None:
             return writable_arrays(state).values()
-    massive = with_masses(what, constants, bodies)
-    values: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
+    massive = with_masses(quantity, constants, bodies)
+    values: dict[str, Any] = motion_arrays("body1", body1, *quantity.letters)
     for name, value in loads.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
     values["gravity"] = tuple(fall.tolist())
     for name, value in loads.items():  # a force that is none is a constant of the program
-        values[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
+        values[name] = (
+            read_component(name, value)
+            if name not in _VECTOR_LOAD_NAMES
+            else _NO_VECTOR_LOAD
+            if value is _NO_FORCE
+            else value
+        )
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION.shapes[name])] for name, v in values.items()}
-    plan = make_plan(what.outputs, None, "home" in constants.values, given_names=tuple(values))
-    call = call_of(massive, plan, tuple(values), "auto")
+    plan = make_plan(quantity.outputs, None, "home" in constants.values, given_names=tuple(values))
+    call = cached_call(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
-        constants.prepared[what] = call
+        constants.prepared[quantity] = call
     return writable_arrays(call.run(values, shapes)).values()
 
 
-def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the constants of a pair and of its masses.
+def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies) -> Constants:
+    """Return the constants of a pair, extended by its masses; raise ArgumentError where the quantity needs a mass
+    that is missing. The result is kept in `constants.prepared`.
 
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
     """
-    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in what.bodies}
-    masses = _MASSLESS | mass_constants(present, what.without_body1)  # the same whatever is asked of a pair
+    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in quantity.bodies}
+    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(
+        present, quantity.without_body1
+    )  # the same whatever is asked of a pair
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
     return extended
 
 
 def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
-    """Return the accelerations (D6) out of the outputs of ACCELERATIONS.
+    """Return the Accelerations (D6) made of computed outputs; raise ArgumentError if masses leave a motion without
+    resistance.
 
     Raises:
         ArgumentError: the masses leave a motion without resistance.
     """
     *accelerations, pivot_ratios = outputs
-    if (pivot_ratios <= SINGULAR).any():
+    if (pivot_ratios <= MIN_PIVOT_RATIO).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
     return Accelerations(*accelerations)
 
 
 def check_resistance(constants: Constants, bodies: Bodies) -> None:
-    """Refuse masses that leave a motion without resistance where psi is 0.
+    """Raise ArgumentError if the masses leave a motion without resistance where psi is 0.
 
     Raises:
         ArgumentError: as for `make_accelerations`.
     """
-    still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
+    still = BodyMotion(R=_NO_VECTOR_LOAD, S=np.eye(3), omega=_NO_VECTOR_LOAD)
     loads = dict.fromkeys(LOAD_NAMES, 0.0)
-    outputs = compute_quantity(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
+    outputs = compute_quantity(
+        ACCELERATIONS_QUANTITY, constants, bodies, still, gravity=_NO_VECTOR_LOAD, psi=0.0, psid=0.0, **loads
+    )
     make_accelerations(bodies, outputs)
 
 
 def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return a force or a torque as an array; the number 0 stands for none."""
-    return _NONE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)
+    return _NO_FORCE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

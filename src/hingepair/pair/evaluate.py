@@ -23,43 +23,54 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Plan, make_plan, plan_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
-AUTO: Final = Execution("auto", 1)  # how a call is run unless told
-STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL_MOTION: PairState, PLANAR_MOTION: PlanarState}
+DEFAULT_EXECUTION: Final = Execution("auto", 1)  # how a call is run unless told
+STATE_CLASS_BY_KIND: Mapping[Any, type[PairState | PlanarState]] = {
+    SPATIAL_MOTION: PairState,
+    PLANAR_MOTION: PlanarState,
+}
 """The class of the results, by the kind of plan."""
 
-QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
+QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
 # By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
-_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()}
-_QUATERNION_LIMITS: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
+_ROTATION_CHECK_LIMIT_BY_ITEMSIZE: Final = {
+    size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
+}
+_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 
-def call_of(pair: Constants, plan: Plan, given: tuple[str, ...], backend: str) -> Call:
-    """Return the call that runs a plan for a pair with arguments of these names; made once for each pair."""
-    key = plan, given, backend
+def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
+    """Return the Call that runs a plan for a pair with inputs of these names. It is made once and kept in
+    `pair.prepared`.
+    """
+    key = plan, input_names, backend
     call: Call | None = pair.prepared.get(key)
     if call is None:
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
-        limits = _QUATERNION_LIMITS if any(name in QUATERNIONS for name in given) else _ROTATION_LIMITS
-        checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_LIMITS}
+        limits = (
+            _QUATERNION_CHECK_LIMIT_BY_ITEMSIZE
+            if any(name in QUATERNION_INPUT_NAMES for name in input_names)
+            else _ROTATION_CHECK_LIMIT_BY_ITEMSIZE
+        )
+        checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_CHECK_LIMIT_BY_ITEMSIZE}
         call = pair.prepared[key] = Call(
-            loop, {name: shapes[name] for name in given},
-            {name: constants[name] for name in _needed_arguments(loop, given)},
-            STATES[plan.kind], shape=pair.shape, backend=backend, on_limit=_refuse_attitude,
+            loop, {name: shapes[name] for name in input_names},
+            {name: constants[name] for name in _needed_arguments(loop, input_names)},
+            STATE_CLASS_BY_KIND[plan.kind], shape=pair.shape, backend=backend, on_limit=_refuse_attitude,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call
 
 
-def _needed_arguments(loop: Any, given: tuple[str, ...]) -> list[str]:
-    return [name for name, _ in loop.inputs if name not in given]
+def _needed_arguments(loop: Any, input_names: tuple[str, ...]) -> list[str]:
+    return [name for name, _ in loop.inputs if name not in input_names]
 
 
 def _refuse_attitude(values: Mapping[str, Any]) -> None:
-    """Refuse attitudes of which one is no rotation, or a quaternion of zero."""
+    """Raise RotationError if S1 or S2 among the values is no rotation, or a quaternion is zero."""
     for name, value in values.items():
-        if name in QUATERNIONS and (np.asarray(value) == 0).all(axis=-1).any():
+        if name in QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
         if name in ("S1", "S2"):
             check_rotation(name, np.asarray(value))
@@ -71,14 +82,16 @@ def compute_state(
     values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     out: Out = None,
-    execution: Execution = AUTO,
+    execution: Execution = DEFAULT_EXECUTION,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
-    """Return the state at all samples; computed in the dtype of the values unless one is given."""
-    return call_of(pair, plan, tuple(values), execution.backend).run(values, shapes, out, execution.workers, dtype)
+    """Return the PairState or PlanarState at all samples; computed in the dtype of the values unless one is given."""
+    return cached_call(pair, plan, tuple(values), execution.backend).run(
+        values, shapes, out, execution.workers, dtype
+    )
 
 
-def arrays_of(
+def compute_arrays(
     pair: Constants,
     outputs: Iterable[str],
     values: Mapping[str, Any],
@@ -86,13 +99,13 @@ def arrays_of(
     dtype: np.dtype[Any] | None = None,
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """Return new arrays of what is computed of values, by name."""
+    """Return the outputs as new arrays by name, computed from input values by name."""
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
-    """Return how many operations of a plan are left for a pair, where some coordinates are known numbers.
+    """Return the OperationCounts of a plan for a pair: how many are left where some coordinates are known numbers.
 
     Args:
         plan: what is computed.

@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table,
 from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import call_of
+from hingepair.pair.evaluate import cached_call
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.plans.steps import COORDINATE_COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
@@ -25,17 +25,17 @@ CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
 """q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
 Outputs: TypeAlias = Iterable[str] | None
 
-_COUNT_WORDS = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
-_DOUBLES = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
-_SEQUENCES, _NUMBERS = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
+_COORDINATE_COUNT_WORDS = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
+_FLOAT64_DTYPE_CHARACTERS = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
+_SEQUENCE_TYPES, _NUMBER_TYPES = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
 # The attributes of BodyMotion by the names of inputs.
-_BODY1_LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+_ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 # What messages call these inputs.
-_BODY1_ARGUMENTS = {name: f"body1.{letter}" for name, letter in _BODY1_LETTERS.items()}
+_ARGUMENT_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _ATTRIBUTE_BY_BODY1_INPUT.items()}
 
 
 class PairCoordinates(NamedTuple):
-    """The coordinates and their derivatives as they were given.
+    """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd.
 
     Attributes:
         parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
@@ -48,24 +48,30 @@ class PairCoordinates(NamedTuple):
     library: Library | None = None
 
 
-def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> PairCoordinates:
-    """Return the coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
+def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
+    """Return the arguments q, qd, qdd as PairCoordinates; refuse unusable ones. Arrays of other libraries stay as
+    they are if `keep_foreign`, and become NumPy's otherwise.
+    """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
     if q is None:
         raise ArgumentError("q", "coordinates", None)
-    given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
+    value_by_name = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
     count = len(kind.coordinates)
-    floats = {name: row for name, value in given.items() if (row := float_row(value, count)) is not None}
-    if floats.keys() == given.keys():
+    floats = {name: row for name, value in value_by_name.items() if (row := float_row(value, count)) is not None}
+    if floats.keys() == value_by_name.keys():
         return PairCoordinates(floats, dict.fromkeys(floats, ()))
-    leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
-    library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves) if foreign else None
+    leaves = {f"{name}[{i}]": c for name, v in value_by_name.items() if type(v) is tuple for i, c in enumerate(v)}
+    library = (
+        library_of({name: v for name, v in value_by_name.items() if type(v) is not tuple} | leaves)
+        if keep_foreign
+        else None
+    )
     parts: dict[str, Any]
     if library is not None:
-        parts = {name: foreign_components(name, v, count) for name, v in given.items()}
+        parts = {name: foreign_components(name, v, count) for name, v in value_by_name.items()}
     else:
-        parts = {name: _coordinates(name, value, kind.coordinates) for name, value in given.items()}
+        parts = {name: _read_coordinates(name, value, kind.coordinates) for name, value in value_by_name.items()}
     return PairCoordinates(parts, {name: _leading_shape(name, part) for name, part in parts.items()}, library)
 
 
@@ -75,20 +81,24 @@ def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...
     return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(part)})
 
 
-def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
-    """Return coordinates as a tuple of components, or as one array with the coordinates last."""
-    count = len(names)
-    several = f"{_COUNT_WORDS[count]} coordinates"
+def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) -> Components | NDArray[Any]:
+    """Return the argument `name` as a tuple of components, or as one array with the coordinates last; refuse other
+    values.
+    """
+    count = len(coordinate_names)
+    several = f"{_COORDINATE_COUNT_WORDS[count]} coordinates"
     if isinstance(value, tuple) and len(value) == count:
         if all(isinstance(part, list | tuple) and len(part) == count for part in value):
             expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
             raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
-        return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
+        return tuple(read_component(f"{name}[{i}]", part) for i, part in enumerate(value))
     if is_table(value):
-        columns = _coordinate_columns(name, value, names)
-        return tuple(component(f"{name}[{column!r}]", array) for column, array in columns.items())
+        columns = _coordinate_columns(name, value, coordinate_names)
+        return tuple(read_component(f"{name}[{column!r}]", array) for column, array in columns.items())
     if isinstance(value, Mapping):
-        expected = f"{several} in the order ({', '.join(names)}), as an array or a tuple of numbers and arrays"
+        expected = (
+            f"{several} in the order ({', '.join(coordinate_names)}), as an array or a tuple of numbers and arrays"
+        )
         raise DtypeError(name, expected, quoted(value))
     try:
         return vectors(name, value, count)
@@ -101,12 +111,20 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
         raise ShapeError(name, f"{error.expected}, or a tuple of {several}", got) from None
 
 
-def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of coordinates, or of their derivatives, in order, by the names that the table has."""
-    own, endings = COORDINATE_COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
-    families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
-    others = {column for family in own.values() for column in family}
-    return columns_by_name(name, table, families, others, last_family=names)
+def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table that hold q, qd or qdd (`name` says which), in order, by the names that the table
+    has.
+    """
+    column_names_by_level, endings = (
+        COORDINATE_COLUMN_NAMES[coordinate_names],
+        {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name],
+    )
+    families = [
+        column_names_by_level[name],
+        *(tuple(f"{one}{ending}" for one in coordinate_names) for ending in endings),
+    ]
+    others = {column for family in column_names_by_level.values() for column in family}
+    return columns_by_name(name, table, families, others, last_family=coordinate_names)
 
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
@@ -120,19 +138,23 @@ def planar_columns(name: str, table: Any) -> tuple[str, ...]:
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """Return `count` numbers that are computed in float64 as an array; None of anything else."""
+    """Return a row of `count` numbers that float64 holds as an array; None if the value is anything else."""
     if type(value) is np.ndarray:
-        known = value.shape == (count,) and value.dtype.char in _DOUBLES
+        is_supported = value.shape == (count,) and value.dtype.char in _FLOAT64_DTYPE_CHARACTERS
     else:
-        known = type(value) in _SEQUENCES and len(value) == count and _NUMBERS.issuperset(map(type, value))
+        is_supported = (
+            type(value) in _SEQUENCE_TYPES and len(value) == count and _NUMBER_TYPES.issuperset(map(type, value))
+        )
     try:
-        return np.asarray(value, np.float64) if known else None
+        return np.asarray(value, np.float64) if is_supported else None
     except OverflowError:
         return None
 
 
-def component(name: str, value: Any) -> Any:
-    """Return one coordinate; a Python number stays one, so that it follows the dtype of the arrays beside it."""
+def read_component(name: str, value: Any) -> Any:
+    """Return one coordinate as a float or an array. A Python number stays one, so that it follows the dtype of the
+    arrays beside it.
+    """
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
     return real_array(name, value)
@@ -168,13 +190,13 @@ def from_coordinates(
                 state = call.fast_path(*[float_row(value, len(kind.coordinates)) for value in rows])
             if state is not None:
                 return state
-    plan, given = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, foreign=True)
-    call = call_of(pair, plan, tuple(given.parts), execution.backend)
-    if given.library is not None:
-        return call.run_foreign(given.parts, given.shapes, given.library, out, execution.workers)
+    plan, coordinates = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, keep_foreign=True)
+    call = cached_call(pair, plan, tuple(coordinates.parts), execution.backend)
+    if coordinates.library is not None:
+        return call.run_foreign(coordinates.parts, coordinates.shapes, coordinates.library, out, execution.workers)
     if key is not None:
         pair.prepared[key] = call
-    return call.run(given.parts, given.shapes, out, execution.workers)
+    return call.run(coordinates.parts, coordinates.shapes, out, execution.workers)
 
 
 def plan_from_coordinates(
@@ -186,14 +208,14 @@ def plan_from_coordinates(
     outputs: Outputs,
     out: Out,
     sequence: Any,
-    foreign: bool = False,
+    keep_foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
-    """Return the plan for outputs from the coordinates, and the coordinates as read."""
+    """Return the Plan that computes outputs from the coordinates, and the PairCoordinates as read."""
     if kind is SPATIAL_MOTION and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
-    given = read_pair_coordinates(kind, q, qd, qdd, foreign)
-    names = _wanted(outputs, out, len(given.parts) - 1, kind)
-    return _plan_for(names, pair, tuple(given.parts), sequence, kind), given
+    coordinates = read_pair_coordinates(kind, q, qd, qdd, keep_foreign)
+    names = _requested_outputs(outputs, out, len(coordinates.parts) - 1, kind)
+    return _checked_plan(names, pair, tuple(coordinates.parts), sequence, kind), coordinates
 
 
 def from_body1(
@@ -208,8 +230,8 @@ def from_body1(
 ) -> Any:
     """Return the pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
-    library = library_of({_BODY1_ARGUMENTS.get(name, name): value for name, value in values.items()})
-    call = call_of(pair, plan, tuple(values), execution.backend)
+    library = library_of({_ARGUMENT_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
+    call = cached_call(pair, plan, tuple(values), execution.backend)
     if library is not None:
         return call.run_foreign(values, shapes, library, out, execution.workers)
     return call.run(values, shapes, out, execution.workers)
@@ -218,7 +240,9 @@ def from_body1(
 def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
-    """Return the plan for outputs from the motion of body 1 and the hinge angle, with the values and their shapes."""
+    """Return the Plan that computes outputs from the motion of body 1 and the hinge angle, the input values by name,
+    and the shapes of their samples.
+    """
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
     if psidd is not None and psid is None:
@@ -226,16 +250,22 @@ def plan_from_body1(
     if psi is None:
         raise ArgumentError("psi", "hinge angles", None)
     angles = {name: v for name, v in {"psi": psi, "psid": psid, "psidd": psidd}.items() if v is not None}
-    hinge = {name: v if is_foreign(v) else component(name, v) for name, v in angles.items()}
-    arrays = {name: array for name, letter in _BODY1_LETTERS.items() if (array := getattr(body1, letter)) is not None}
-    names = _wanted(outputs, out, len(hinge) - 1, SPATIAL_MOTION)
-    plan = _plan_for(names, pair, (*arrays, *hinge), None, SPATIAL_MOTION)
+    hinge = {name: v if is_foreign(v) else read_component(name, v) for name, v in angles.items()}
+    arrays = {
+        name: array
+        for name, letter in _ATTRIBUTE_BY_BODY1_INPUT.items()
+        if (array := getattr(body1, letter)) is not None
+    }
+    names = _requested_outputs(outputs, out, len(hinge) - 1, SPATIAL_MOTION)
+    plan = _checked_plan(names, pair, (*arrays, *hinge), None, SPATIAL_MOTION)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return plan, {**arrays, **hinge}, shapes
 
 
-def _wanted(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ...]:
-    """Return what to compute: the names asked for, or the level's defaults and whatever `out` has arrays for."""
+def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ...]:
+    """Return the names of the outputs to compute, checked: those of `outputs`, or else the defaults of the level and
+    the keys of `out`.
+    """
     if outputs is not None:
         names = check_outputs(outputs, kind.levels)
         check_out(out, names)
@@ -245,7 +275,7 @@ def _wanted(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ..
 
 
 def check_out(out: Out, names: tuple[str, ...]) -> None:
-    """Refuse `out` where it is no dict, or holds something else than arrays for these outputs.
+    """Raise ArgumentError if `out` is no dict, or holds an array for anything but the outputs `names`.
 
     Raises:
         ArgumentError: names the argument `out`.
@@ -259,17 +289,19 @@ def check_out(out: Out, names: tuple[str, ...]) -> None:
             raise ArgumentError("out", f"arrays for nothing but the outputs {', '.join(names)}", quoted(name))
 
 
-def _plan_for(
-    names: tuple[str, ...], pair: Constants, given: tuple[str, ...], sequence: str | None, kind: Kind
+def _checked_plan(
+    names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: Kind
 ) -> Plan:
-    """Return the plan for some outputs, if what is given suffices."""
+    """Return the Plan for some outputs; raise ArgumentError if the inputs do not suffice."""
     home = "home" in pair.values
-    plan = make_plan(names, sequence, home, kind=kind, given_names=given)
-    known = {*given, *pair.values}
-    if plan.inputs <= known:
+    plan = make_plan(names, sequence, home, kind=kind, given_names=input_names)
+    known_names = {*input_names, *pair.values}
+    if plan.inputs <= known_names:
         return plan
     for name in names:
-        for missing in sorted(make_plan((name,), sequence, home, kind=kind, given_names=given).inputs - known):
-            argument = missing if "q" in given else _BODY1_ARGUMENTS.get(missing, missing)
+        for missing in sorted(
+            make_plan((name,), sequence, home, kind=kind, given_names=input_names).inputs - known_names
+        ):
+            argument = missing if "q" in input_names else _ARGUMENT_BY_BODY1_INPUT.get(missing, missing)
             raise ArgumentError(argument, f"a value, since output {name} needs it", None)
     return plan

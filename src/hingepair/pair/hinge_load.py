@@ -14,9 +14,12 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, finite_number
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
-HINGE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
+HINGE_TORQUE_PART_NAMES: Final = ("motor", "spring", "damper", "friction", "stop")
 """What the torque of a `HingeLoad` consists of; among all loads each is called with _torque behind."""
-_SIGNS_OF_SCALAR_CODE = ("truth value of an array", "arrays can be converted to Python scalars")  # NumPy's messages
+_SCALAR_CODE_ERROR_TEXTS = (
+    "truth value of an array",
+    "arrays can be converted to Python scalars",
+)  # NumPy's messages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +95,7 @@ class HingeLoad:
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi', increasing, between which the torque is smooth, that of its motor too."""
+        """Rates psi' [rad/s], increasing, at which the torque (its motor's included) has a kink or a jump."""
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
             if load.stops and load.stop_damping:
@@ -118,7 +121,9 @@ class HingeLoad:
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """The greatest lower and the least upper stop [rad], its motor's among them; infinite where none is."""
+        """The greatest lower and the least upper stop [rad], those of its motor included; infinite where there is
+        none.
+        """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
             of_motor = self.motor.tightest_stops
@@ -126,7 +131,8 @@ class HingeLoad:
         return lower, upper
 
     def restitution(self, rate: float) -> float:
-        """Return at which share of its rate [rad/s] the hinge leaves a stop where nothing else acts on it.
+        """Return the ratio of the rates after and before an impact on a stop at a rate [rad/s], where nothing else
+        acts on the hinge.
 
         Of springs with damping it falls as the rate grows, whatever the inertia: the work of the spring in and out
         gives c v - ln(1 + c v) = -c w - ln(1 - c w), c the stop_damping, for the rates v in and w out.
@@ -156,7 +162,8 @@ class HingeLoad:
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute what the torque consists of [N m]: motor, and spring, damper, friction, stop where there are any.
+        """Compute the parts of the torque [N m] by name: motor, and spring, damper, friction, stop where there are
+        any.
 
         Args:
             t: instants [s]; shape (...,).
@@ -173,17 +180,19 @@ class HingeLoad:
         """
         side = (psi, psid) if side is None else side
         terms = self._terms(side, t, psi, psid)
-        inner = self.motor.parts(t, psi, psid, side) if is_named(self.motor) else {"motor": terms["motor"]}
+        motor_torques = self.motor.parts(t, psi, psid, side) if is_named(self.motor) else {"motor": terms["motor"]}
         acting = {"spring": self.stiffness, "damper": self.damping, "friction": self.friction, "stop": self.stops}
-        own = {name: terms[name] for name, coefficient in acting.items() if coefficient}
+        own_torques = {name: terms[name] for name, coefficient in acting.items() if coefficient}
         return {
-            name: sum(terms[name] for terms in (own, inner) if name in terms)
-            for name in HINGE_PARTS
-            if name in own or name in inner
+            name: sum(terms[name] for terms in (own_torques, motor_torques) if name in terms)
+            for name in HINGE_TORQUE_PART_NAMES
+            if name in own_torques or name in motor_torques
         }
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m], as they go on smoothly from the angle and rate `side`."""
+        """Compute the terms of the torque [N m] by name; at kinks, those that hold on the side of the angle and rate
+        `side`.
+        """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
         if is_named(self.motor):
@@ -198,12 +207,12 @@ class HingeLoad:
             terms["friction"] = -self.friction * np.tanh(psid / self.friction_rate)
         if self.stops is not None:
             beyond = np.sign(angle - np.clip(angle, *self.stops))
-            held = np.where(beyond > 0, self.stops[1], self.stops[0])
-            push = -self.stop_stiffness * (psi - held) * (1 + self.stop_damping * beyond * psid)
-            pushes = (beyond != 0) & (self.stop_restitution is None)
+            stop_angle = np.where(beyond > 0, self.stops[1], self.stops[0])
+            stop_torque = -self.stop_stiffness * (psi - stop_angle) * (1 + self.stop_damping * beyond * psid)
+            is_pushing = (beyond != 0) & (self.stop_restitution is None)
             if self.stop_damping:
-                pushes &= beyond * rate > -1 / self.stop_damping
-            terms["stop"] = np.where(pushes, push, 0.0)
+                is_pushing &= beyond * rate > -1 / self.stop_damping
+            terms["stop"] = np.where(is_pushing, stop_torque, 0.0)
         return terms
 
     def _nested(self) -> tuple[HingeLoad, ...]:
@@ -217,7 +226,7 @@ def is_named(torque: object) -> TypeGuard[HingeLoad]:
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Refuse a callable that does not take so many arguments.
+    """Raise ArgumentError if `function` cannot be called with the arguments that are named.
 
     Raises:
         ArgumentError: names it.
@@ -234,7 +243,7 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a callable makes of arrays; refuse one that takes them for single numbers.
+    """Return the result of a callable for array arguments; raise ArgumentError if it treats them as single numbers.
 
     Raises:
         ArgumentError: the callable compares or converts an array as if it were one number; names it.
@@ -242,7 +251,7 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     try:
         return function(*arguments)
     except (TypeError, ValueError) as error:
-        if not any(sign in str(error) for sign in _SIGNS_OF_SCALAR_CODE):
+        if not any(sign in str(error) for sign in _SCALAR_CODE_ERROR_TEXTS):
             raise
         expected = "a callable of arrays, one element for each instant: np.where instead of if, np.sin of math.sin"
         raise ArgumentError(name, expected, f"one that takes single numbers ({error})") from error

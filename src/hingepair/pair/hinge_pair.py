@@ -19,9 +19,8 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import SAMPLE_SHAPES as MOTION_SHAPES
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import Constants, check_one, pair_constants
+from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion
+from hingepair.pair.constants import Constants, check_single_pair, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
@@ -33,7 +32,7 @@ from hingepair.plans.plan import SPATIAL_MOTION
 
 Returned = TypeVar("Returned")
 
-ARGUMENT_SAMPLE_SHAPES: Final = {**SPATIAL_MOTION.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+SAMPLE_SHAPE_BY_ARGUMENT: Final = {**SPATIAL_MOTION.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SAMPLE_SHAPES)}
 """Shape of one sample of each argument that may be a Dask array."""
 
 
@@ -105,18 +104,18 @@ class HingePair(Shown):
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         axis = constants.axis if constants is not None and n is constants.arrays["n"] else n
-        own = pair_constants(u1, u2, n if axis is None else axis, home)
-        rotation = own.arrays["home"]
+        new_constants = pair_constants(u1, u2, n if axis is None else axis, home)
+        rotation = new_constants.arrays["home"]
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         values_of = {
-            **{key: own.arrays[key] for key in ("u1", "u2", "n")},
+            **{key: new_constants.arrays[key] for key in ("u1", "u2", "n")},
             "home": rotation.reshape(*rotation.shape[:-1], 3, 3),
             "name": name,
             "limits": _checked_limits(limits),
-            "body1": checked_body("body1", body1),
-            "body2": checked_body("body2", body2),
+            "body1": checked_mass_properties("body1", body1),
+            "body2": checked_mass_properties("body2", body2),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
-            "constants": own,
+            "constants": new_constants,
         }
         for key, value in values_of.items():
             object.__setattr__(self, key, value)
@@ -142,8 +141,8 @@ class HingePair(Shown):
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
-        check_one(self, " beside Dask arrays")
-        return over_chunks(method, arguments, ARGUMENT_SAMPLE_SHAPES, kinematics.spatial_columns)
+        check_single_pair(self, " beside Dask arrays")
+        return over_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
 
     def forward_kinematics(
         self,
@@ -157,7 +156,8 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
+        """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
+        (E1-E10).
 
         The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
 
@@ -207,7 +207,7 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Plan, check and compile once, for loops over single states or small batches.
+        """Return a Prepared call, planned, checked and compiled once, for loops over single states or small batches.
 
         Args:
             given: what each call will bring, and its order: "pose" is ("q",), "velocity" ("q", "qd"), "acceleration"
@@ -259,7 +259,8 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute body 2 from the motion of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9).
+        """Compute the PairState of body 2 from the motion of body 1 and the hinge angle, without Euler angles (E1,
+        E2, E5-E9).
 
         The level follows psi, psid, psidd [rad, rad/s, rad/s^2]: shape (...,), right hand about n; they broadcast
         against body1, which has as many derivatives as the outputs need. All else is as for `forward_kinematics`.
@@ -271,9 +272,9 @@ class HingePair(Shown):
         array([2., 0., 0.])
         """
         if holds_dask(body1, psi, psid, psidd):
-            given = {"body1": body1, "psi": psi, "psid": psid, "psidd": psidd}
+            motion = {"body1": body1, "psi": psi, "psid": psid, "psidd": psidd}
             options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
-            return self._lazily(self.forward_kinematics_from_body1, **given, **options)
+            return self._lazily(self.forward_kinematics_from_body1, **motion, **options)
         execution = execution_of(backend, workers)
         state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, execution)
         return state
@@ -287,7 +288,8 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample;
+        arrays by output.
 
         Exact is what the equations say of the coordinates and of u1, u2, n (of any length) and home, all as they were
         given. The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the
@@ -318,7 +320,8 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1; arrays
+        by output.
 
         As `error_bounds`, of the arguments of `forward_kinematics_from_body1`. Exact is what E1, E2 and E5 to E9 say
         of this motion as it stands in body1: what was rounded before, in making S from a quaternion, say, is not
@@ -354,8 +357,10 @@ class HingePair(Shown):
         """
         if holds_dask(body1, psi):
             return self._lazily(self.mass_matrix, body1=body1, psi=psi)
-        (found,) = dynamics.compute_quantity(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
-        return found
+        (matrix,) = dynamics.compute_quantity(
+            dynamics.MASS_MATRIX_QUANTITY, self.constants, self._bodies, body1, psi=psi
+        )
+        return matrix
 
     def inverse_dynamics(
         self,
@@ -365,7 +370,7 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Forces:
-        """Compute the forces and torques on body 1 and at the hinge that move the pair as given (D1-D5).
+        """Compute the Forces: those on body 1 and the torque at the hinge that move the pair as given (D1-D5).
 
         Args:
             body1: of it, S, omega, a and alpha are used.
@@ -393,7 +398,9 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
         return Forces(
-            *dynamics.compute_quantity(dynamics.FORCES, self.constants, self._bodies, body1, gravity, **hinge)
+            *dynamics.compute_quantity(
+                dynamics.FORCES_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
+            )
         )
 
     def forward_dynamics(
@@ -409,7 +416,7 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """Compute the accelerations of the pair under its loads (D6).
+        """Compute the Accelerations of the pair under its loads (D6).
 
         Args:
             body1: of it, S and omega are used.
@@ -444,7 +451,7 @@ class HingePair(Shown):
         if holds_dask(body1, loads, hinge):
             return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
         outputs = dynamics.compute_quantity(
-            dynamics.ACCELERATIONS, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
+            dynamics.ACCELERATIONS_QUANTITY, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
         )
         return dynamics.make_accelerations(self._bodies, outputs)
 
@@ -456,7 +463,8 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> HingeWrench:
-        """Compute the wrench of body 1 on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
+        """Compute the HingeWrench of body 1 on body 2 at the hinge point (D3, D4). Body 2 alone needs mass
+        properties.
 
         Arguments are those of `inverse_dynamics`. Gives force [N], torque about the hinge point [N m] and the
         torque's two parts: hinge_torque, bearing_torque.
@@ -473,14 +481,14 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
         outputs = dynamics.compute_quantity(
-            dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge
+            dynamics.HINGE_WRENCH_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
         )
         return HingeWrench(*outputs)
 
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Compute kinetic and potential energy of the pair (D7); body 1 counts where it has mass properties.
+        """Compute the kinetic and potential Energy of the pair (D7); body 1 counts where it has mass properties.
 
         Of body1, R, S, v and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
         as for `inverse_dynamics`. Gives kinetic and potential [J].
@@ -500,11 +508,13 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
         return Energy(
-            *dynamics.compute_quantity(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge)
+            *dynamics.compute_quantity(
+                dynamics.ENERGY_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
+            )
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-        """Compute linear momentum of the pair, and angular momentum about the world's origin (D8).
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
 
         Arguments are those of `energy`. Gives linear [kg m/s] and angular [kg m^2/s].
 
@@ -519,7 +529,9 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid}
         if holds_dask(body1, hinge):
             return self._lazily(self.momentum, body1=body1, **hinge)
-        return Momentum(*dynamics.compute_quantity(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
+        return Momentum(
+            *dynamics.compute_quantity(dynamics.MOMENTUM_QUANTITY, self.constants, self._bodies, body1, **hinge)
+        )
 
     def residuals(
         self,
@@ -528,7 +540,8 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives).
+        """Compute the Residuals of two motions: how far they violate this hinge, beside tolerances (E1, E2 and their
+        derivatives).
 
         Args:
             body1: the motion of body 1.
@@ -636,7 +649,8 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-        """Compute derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
+        """Compute the Sensitivities: derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2
+        are those of d.
 
         Of body1, S is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
         Without psid, v2 and omega2 have none. The `Sensitivities` say the shape and unit of each, such as `.d_by_u1`
@@ -663,7 +677,8 @@ class HingePair(Shown):
         home_std: ArrayLike = 0.0,
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
-        """Compute what tolerances make of R2 and of body 2's attitude, to first order, at every sample (E5, E7).
+        """Compute the PoseCovariance that tolerances of the geometry cause in R2 and body 2's attitude, to first
+        order (E5, E7).
 
         Of body1, S is used; psi [rad], shape (...,), broadcasts against it. The standard deviations, or the
         covariance of a fit, are those of `hingepair.sample_pairs`, which shows how far the first order holds.
@@ -688,7 +703,8 @@ class HingePair(Shown):
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
+        """Compute the 5 x 12 Jacobian G of the hinge constraints, for solvers of differential-algebraic equations
+        (E1, E2).
 
         The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
         where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
@@ -707,7 +723,7 @@ class HingePair(Shown):
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the velocity part of the constraints' second derivative (E1, E2).
+        """Compute the velocity part of the constraints' second derivative (E1, E2), an array of shape (..., 5).
 
         (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, world axes, shape (..., 5); zero for motions of the
         pair. Of both bodies, S and omega are used.
@@ -726,7 +742,7 @@ class HingePair(Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
-    """Check limits of the hinge angle [rad], and return them as (lower, upper); None where there are none."""
+    """Return the limits of the hinge angle [rad] as (lower, upper), or None for None; refuse limits out of order."""
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)
@@ -735,8 +751,8 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     return float(both[0]), float(both[1])
 
 
-def checked_body(name: str, body: Body | None) -> Body | None:
-    """Return a body, or None for None; refuse all else."""
+def checked_mass_properties(name: str, body: Body | None) -> Body | None:
+    """Return the Body, or None for None; raise ArgumentError for anything else."""
     if body is None:
         return None
     if not isinstance(body, Body):

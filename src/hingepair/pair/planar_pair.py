@@ -20,11 +20,11 @@ from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.constants import Constants, check_one
+from hingepair.pair.constants import Constants, check_single_pair
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import arrays_of
+from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
-from hingepair.pair.hinge_pair import HingePair, checked_body
+from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
 from hingepair.pair.states import PlanarState
 from hingepair.plans.plan import PLANAR_MOTION
 from hingepair.rotations.matrices import rotation_exp
@@ -35,7 +35,7 @@ PLANAR_GRAVITY = (0.0, -9.81)
 Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
-_SAMPLE_SHAPES: Final = {
+_SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
     **PLANAR_MOTION.shapes,
     **dict.fromkeys(("force1", "force2"), (2,)),
     **dict.fromkeys(("torque1", "torque2"), ()),
@@ -88,7 +88,7 @@ class PlanarPair(Shown):
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         values = {key: numbers(array) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
-        bodies = {"body1": checked_body("body1", body1), "body2": checked_body("body2", body2)}
+        bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
         own = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
         for key, value in own.items():
             object.__setattr__(self, key, value)
@@ -97,8 +97,8 @@ class PlanarPair(Shown):
         return type(self), (self.u1, self.u2, self.name, self.body1, self.body2)
 
     def __repr__(self) -> str:
-        given = ((key, getattr(self, key)) for key in ("body1", "body2"))
-        bodies = "".join(f", {key}={body!r}" for key, body in given if body is not None)
+        body_by_name = ((key, getattr(self, key)) for key in ("body1", "body2"))
+        bodies = "".join(f", {key}={body!r}" for key, body in body_by_name if body is not None)
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
 
     def _sheet(self) -> Sheet:
@@ -107,8 +107,8 @@ class PlanarPair(Shown):
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
-        check_one(self, " beside Dask arrays")
-        return over_chunks(method, arguments, _SAMPLE_SHAPES, kinematics.planar_columns)
+        check_single_pair(self, " beside Dask arrays")
+        return over_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT, kinematics.planar_columns)
 
     def forward_kinematics(
         self,
@@ -121,7 +121,7 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PlanarState:
-        """Compute body 2 from the four coordinates q = (x, y, phi, psi) (E11).
+        """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11).
 
         As `HingePair.forward_kinematics`, without a sequence: q, qd and qdd are arrays of shape (..., 4), or tuples
         of four that broadcast [m, rad]; the outputs are R2, d, v2, a2 (..., 2) and phi2, omega2, alpha2 (...,).
@@ -149,7 +149,8 @@ class PlanarPair(Shown):
         qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample;
+        arrays by output.
 
         As `HingePair.error_bounds`.
 
@@ -163,7 +164,8 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """Return the same pair in space: n = e_z; the plane is z = 0, so that gravity in the plane is (0, -9.81, 0).
+        """Return the same pair in space as a HingePair with n = e_z. The plane is z = 0, so that gravity in the plane
+        is (0, -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -172,7 +174,8 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return the pair in space for dynamics in the plane: centres of mass in it, equal principal moments.
+        """Return the HingePair in space that has the dynamics of the plane: centres of mass moved into the plane,
+        equal principal moments.
 
         Forces in the plane then have the results of the plane, and no torque arises across it. `to_spatial` keeps
         the bodies as they are, with their centres of mass off the plane and their products of inertia.
@@ -184,7 +187,9 @@ class PlanarPair(Shown):
         """
         pair: HingePair | None = self.constants.prepared.get("massive")
         if pair is None:
-            pair = self._in_space(*(None if body is None else _level_body(body) for body in (self.body1, self.body2)))
+            pair = self._in_space(
+                *(None if body is None else _body_in_plane(body) for body in (self.body1, self.body2))
+            )
             self.constants.prepared["massive"] = pair
         return pair
 
@@ -210,13 +215,13 @@ class PlanarPair(Shown):
         """
         if holds_dask(q):
             return self._lazily(self.mass_matrix, q=q)
-        (M,) = self._computed(dynamics.MASS_MATRIX, {"q": q})
-        return M[..., _PLANAR_COORDINATES[:, None], _PLANAR_COORDINATES]
+        (M,) = self._compute_quantity(dynamics.MASS_MATRIX_QUANTITY, {"q": q})
+        return M[..., _PLANAR_COORDINATE_INDICES[:, None], _PLANAR_COORDINATE_INDICES]
 
     def inverse_dynamics(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> Forces:
-        """Compute the forces and torques on body 1 and at the pin that move the pair as given (D1-D5).
+        """Compute the Forces: those on body 1 and the torque at the pin that move the pair as given (D1-D5).
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
@@ -236,13 +241,13 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
-        force1, torque1, hinge_torque = self._computed(dynamics.FORCES, rows, gravity)
+        force1, torque1, hinge_torque = self._compute_quantity(dynamics.FORCES_QUANTITY, rows, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> HingeWrench:
-        """Compute the wrench of body 1 on body 2 at the pin (D3, D4); body 2 alone needs mass properties.
+        """Compute the HingeWrench of body 1 on body 2 at the pin (D3, D4). Body 2 alone needs mass properties.
 
         Arguments are those of `inverse_dynamics`.
 
@@ -261,7 +266,9 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
-        force, torque, hinge_torque, bearing_torque = self._computed(dynamics.HINGE_WRENCH, rows, gravity)
+        force, torque, hinge_torque, bearing_torque = self._compute_quantity(
+            dynamics.HINGE_WRENCH_QUANTITY, rows, gravity
+        )
         return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
     def forward_dynamics(
@@ -276,7 +283,7 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """Compute the accelerations of the pair under its loads (D6).
+        """Compute the second derivatives qdd of the coordinates under the pair's loads (D6).
 
         Args:
             q: coordinates (x, y, phi, psi), as for `forward_kinematics`.
@@ -304,12 +311,12 @@ class PlanarPair(Shown):
         loads["hinge_torque"] = hinge_torque
         if holds_dask(q, qd, loads):
             return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
-        found = self._computed(dynamics.ACCELERATIONS, {"q": q, "qd": qd}, gravity, **loads)
-        a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), found)
+        outputs = self._compute_quantity(dynamics.ACCELERATIONS_QUANTITY, {"q": q, "qd": qd}, gravity, **loads)
+        a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), outputs)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Compute kinetic and potential energy (D7); body 1 counts where it has mass properties.
+        """Compute the kinetic and potential Energy (D7); body 1 counts where it has mass properties.
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
@@ -323,10 +330,10 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
-        return Energy(*self._computed(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
+        return Energy(*self._compute_quantity(dynamics.ENERGY_QUANTITY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
-        """Compute linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
+        """Compute the Momentum: linear, shape (..., 2), and angular about the origin, shape (...) (D8).
 
         Of coordinates as for `forward_kinematics`.
 
@@ -340,43 +347,47 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.momentum, q=q, qd=qd)
-        linear, angular = self._computed(dynamics.MOMENTUM, {"q": q, "qd": qd})
+        linear, angular = self._compute_quantity(dynamics.MOMENTUM_QUANTITY, {"q": q, "qd": qd})
         return Momentum(linear[..., :2], angular[..., 2])
 
-    def _computed(
+    def _compute_quantity(
         self,
-        what: dynamics.Quantity,
-        rows: Mapping[str, Any],
+        quantity: dynamics.DynamicsQuantity,
+        coordinates: Mapping[str, Any],
         gravity: ArrayLike = PLANAR_GRAVITY,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """Compute a quantity in space from coordinates and loads in the plane."""
-        for name, row in rows.items():
+        """Return the arrays of a DynamicsQuantity in space, computed from coordinates (q, qd, qdd by name) and loads
+        in the plane.
+        """
+        for name, row in coordinates.items():
             if row is None:
                 raise ArgumentError(
                     name, "four coordinates, or their derivatives: what is asked for needs them", None
                 )
-        space, given = (
+        space, planar_coordinates = (
             self.massive(),
-            kinematics.read_pair_coordinates(PLANAR_MOTION, **{"qd": None, "qdd": None, **rows}),
+            kinematics.read_pair_coordinates(PLANAR_MOTION, **{"qd": None, "qdd": None, **coordinates}),
         )
         values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
-        for name, part in given.parts.items():
+        for name, part in planar_coordinates.parts.items():
             x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
             values[name] = x, y, 0.0, 0.0, 0.0, phi, psi
-        shapes = dict(given.shapes)
+        shapes = dict(planar_coordinates.shapes)
         for name, value in loads.items():
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        massive = dynamics.with_masses(what, space.constants, (space.body1, space.body2))
-        return arrays_of(massive, what.outputs, values, shapes, sequence="XYZ").values()
+        massive = dynamics.with_masses(quantity, space.constants, (space.body1, space.body2))
+        return compute_arrays(massive, quantity.outputs, values, shapes, sequence="XYZ").values()
 
 
-_PLANAR_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
+_PLANAR_COORDINATE_INDICES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
 
 
-def _level_body(body: Body) -> Body:
-    """Return the body with its centre of mass in the plane z = 0 and its inertia about z about all axes."""
+def _body_in_plane(body: Body) -> Body:
+    """Return a copy of the body with its centre of mass moved to z = 0, and its inertia about z as that about every
+    axis.
+    """
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
     inertia = body.inertia if np.array_equal(body.inertia, level) else level  # one that is assumed stays assumed
@@ -386,13 +397,15 @@ def _level_body(body: Body) -> Body:
 def motion_in_space(
     q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
 ) -> tuple[Any, ...]:
-    """Return body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they are given."""
-    given = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
-    shape = broadcast_shape(given.shapes)
+    """Return the BodyMotion of body 1 in space, then psi and its derivatives, from q, qd, qdd in the plane as far as
+    they are given.
+    """
+    coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
+    shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}
     hinge = []
-    for part, linear, angular in zip(given.parts.values(), "Rva", ("S", "omega", "alpha"), strict=False):
+    for part, linear, angular in zip(coordinates.parts.values(), "Rva", ("S", "omega", "alpha"), strict=False):
         columns = np.moveaxis(part, -1, 0) if isinstance(part, np.ndarray) else part
         x, y, phi, psi = (np.broadcast_to(c, shape) for c in columns)
         arrays |= {linear: np.stack([x, y, zero], axis=-1), angular: np.stack([zero, zero, phi], axis=-1)}
@@ -402,11 +415,11 @@ def motion_in_space(
 
 
 def _spatial_load(name: str, value: ArrayLike) -> Any:
-    """Return a load in the plane as one in space; the number 0 stands for no force."""
+    """Return a planar load (force, torque or hinge_torque) as one in space; the number 0 stands for no force."""
     if name == "hinge_torque":
-        return kinematics.component(name, value)
+        return kinematics.read_component(name, value)
     if name.startswith("torque"):
-        return 0.0, 0.0, kinematics.component(name, value)
+        return 0.0, 0.0, kinematics.read_component(name, value)
     if isinstance(value, int | float) and value == 0:
         return 0.0, 0.0, 0.0
     return *components_of(vectors(name, value, 2)), 0.0

@@ -15,9 +15,9 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.array_libraries import library_of
 from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
-from hingepair.pair.constants import HINGE_FRAMES, Constants, with_hinge_frames
-from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
-from hingepair.pair.evaluate import QUATERNIONS, call_of
+from hingepair.pair.constants import HINGE_FRAME_NAMES, Constants, with_hinge_frames
+from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, RATE_SENSITIVITY_NAMES
+from hingepair.pair.evaluate import QUATERNION_INPUT_NAMES, cached_call
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import (
     DYNAMICS_CONSTANT_NAMES,
@@ -30,7 +30,7 @@ from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
 from hingepair.rotations.sequences import find_sequence
 
 # The inputs that a name such as "velocity" stands for.
-_INPUTS_BY_KIND: Final = {
+_INPUT_NAMES_BY_KEYWORD: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -38,21 +38,21 @@ _INPUTS_BY_KIND: Final = {
     "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUT_NAMES),
 }
 # All inputs that a prepared call can take.
-_INPUTS: Final = (
+_INPUT_NAMES: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOAD_NAMES),
+    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUT_NAMES, *LOAD_NAMES),
 )
-_TWO_BODY_OUTPUTS: Final = (
+_TWO_BODY_OUTPUT_NAMES: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),
     *("tilt_acceleration", "psidd", "constraint_jacobian", "constraint_bias"),
 )
 """Outputs that need the motions of both bodies."""
-_OUTPUTS: Final = (
+_OUTPUT_NAMES: Final = (
     *SPATIAL_MOTION.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
-    *POSE_SENSITIVITIES,
-    *RATE_SENSITIVITIES,
-    *_TWO_BODY_OUTPUTS,
+    *POSE_SENSITIVITY_NAMES,
+    *RATE_SENSITIVITY_NAMES,
+    *_TWO_BODY_OUTPUT_NAMES,
     *INVERSE_DYNAMICS_OUTPUT_NAMES,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
@@ -60,7 +60,8 @@ _OUTPUTS: Final = (
 
 
 class Prepared:
-    """A call that is planned, checked and compiled once: what `HingePair.prepare` gives.
+    """A call that is planned, checked and compiled once for inputs and outputs of given names; `HingePair.prepare`
+    returns it.
 
     Call it with arrays in the order of `given`. It can be copied and pickled.
 
@@ -111,10 +112,12 @@ class Prepared:
             state = call.run_into(given, out)
             if state is not None:
                 return state
-        return self._general(given, out)
+        return self._call_any_arguments(given, out)
 
-    def _general(self, given: Sequence[Any], out: Out) -> Any:
-        """Return the state for anything that can be used; refuse the rest."""
+    def _call_any_arguments(self, given: Sequence[Any], out: Out) -> Any:
+        """Return the state for arguments that the fast paths do not take, such as lists and arrays of other
+        libraries; refuse unusable ones.
+        """
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
         library = library_of(values)
@@ -122,7 +125,7 @@ class Prepared:
         if library is not None:  # whether an attitude is one is not checked
             shapes = {name: np.shape(v)[: np.ndim(v) - len(tails[name])] for name, v in values.items()}
             plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
-            call = call_of(self._pair, plan, self.given, "auto")
+            call = cached_call(self._pair, plan, self.given, "auto")
             return call.run_foreign(values, shapes, library, out, self._workers)
         arrays = {name: _array(name, value, tails[name]) for name, value in values.items()}
         shapes = {name: a.shape[: a.ndim - len(tails[name])] for name, a in arrays.items()}
@@ -149,8 +152,10 @@ def prepare(
     gravity: ArrayLike,
     execution: Execution,
 ) -> Prepared:
-    """Return a plan of a HingePair made ready; see `HingePair.prepare`."""
-    names = _checked_given(given)
+    """Return the Prepared call of a HingePair that `HingePair.prepare` describes; compile it unless the backend is
+    "numpy".
+    """
+    names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
     forward = any(name in LOAD_NAMES for name in names)
     if outputs is None and forward:
@@ -161,39 +166,43 @@ def prepare(
     if rows:
         find_sequence(sequence)
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
-    wanted = default_outputs(level) if outputs is None else check_outputs(outputs, _OUTPUTS)
+    output_names = default_outputs(level) if outputs is None else check_outputs(outputs, _OUTPUT_NAMES)
     plan_of = functools.partial(make_plan, sequence=sequence if rows else None, has_home="home" in constants.values)
     checks = (*(() if rows else ("attitude1_check",)), *(("attitude2_check",) if "S2" in names else ()))
-    plan = plan_of((*wanted, *checks), given_names=names)
+    plan = plan_of((*output_names, *checks), given_names=names)
     if not plan.inputs.isdisjoint(DYNAMICS_CONSTANT_NAMES):
-        constants = dynamics.for_calls(constants, bodies, gravity, plan.inputs)
+        constants = dynamics.with_loads_and_masses(constants, bodies, gravity, plan.inputs)
     if forward:
         dynamics.check_resistance(constants, bodies)
     if "S2" in names:
         constants = with_hinge_frames(constants)
-    known = {*names, *constants.values}
-    for name in wanted:
-        of_both = names if forward or name not in _TWO_BODY_OUTPUTS else (*names, "S2")
-        missing = sorted(plan_of((name,), given_names=of_both).inputs - known - HINGE_FRAMES)
+    known_names = {*names, *constants.values}
+    for name in output_names:
+        of_both = names if forward or name not in _TWO_BODY_OUTPUT_NAMES else (*names, "S2")
+        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - HINGE_FRAME_NAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
-    call = call_of(constants, plan, names, execution.backend)
+    call = cached_call(constants, plan, names, execution.backend)
     if execution.backend == "auto":
         call.compile()
-    return Prepared(call, constants, plan, execution.workers, (pair, names, wanted, sequence, gravity, execution))
+    return Prepared(
+        call, constants, plan, execution.workers, (pair, names, output_names, sequence, gravity, execution)
+    )
 
 
-def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
-    """Check the names of inputs, among them one attitude of body 1, and return them as a tuple."""
+def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the inputs as a tuple; refuse unknown names, and names without exactly one attitude of body
+    1.
+    """
     try:
-        names = _INPUTS_BY_KIND[given] if isinstance(given, str) else tuple(given)
+        names = _INPUT_NAMES_BY_KEYWORD[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
         raise ArgumentError(
-            "given", f"{choices(tuple(_INPUTS_BY_KIND))}, or a tuple of names", quoted(given)
+            "given", f"{choices(tuple(_INPUT_NAMES_BY_KEYWORD))}, or a tuple of names", quoted(given)
         ) from None
     for name in names:
-        if name not in _INPUTS:
-            raise ArgumentError("given", choices(tuple(_INPUTS)), quoted(name))
+        if name not in _INPUT_NAMES:
+            raise ArgumentError("given", choices(tuple(_INPUT_NAMES)), quoted(name))
     attitudes = [name for name in names if name in {"q", *ATTITUDE1_STEPS_BY_INPUT}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))

@@ -17,18 +17,18 @@ from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, 
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.evaluate import arrays_of
+from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
 
 # The heading of the printed table.
-_TABLE_HEADING = (
+_TABLE_HEADINGS = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
 )
 
 
 class ResidualCheck(NamedTuple):
-    """One residual beside its tolerance.
+    """Result of one residual's comparison with its tolerance: sizes over all samples, the worst sample and its ratio.
 
     Attributes:
         residual: its name.
@@ -77,7 +77,8 @@ class ResidualCheck(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Residuals(Frozen, Shown):
-    """Residuals of the hinge constraints for two motions (E1, E2), and the hinge angle between them.
+    """Residuals of the hinge constraints for two motions (E1, E2), beside their tolerances, and the hinge angle
+    between the motions.
 
     Everything is float64 and read-only; None where the motions do not hold what it takes. The components of the tilt
     are those of S1 n x S2 C^-1 n along S1 e1 and S1 e2 (`HingePair.constraint_jacobian` says which axes). The rates
@@ -127,7 +128,9 @@ class Residuals(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """The outcome in a line."""
+        """One line that says PASSED, FAILED or NOTHING COMPARED, for which residuals, and how many samples were left
+        out.
+        """
         samples = math.prod(self.shape)
         beside = left_out_remark(self.skipped, samples)
         failed = [row.residual for row in self.rows if row.samples and not row.ok]
@@ -161,7 +164,7 @@ class Residuals(Frozen, Shown):
         return psi
 
     def __str__(self) -> str:
-        table = align_columns([_TABLE_HEADING, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
+        table = align_columns([_TABLE_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
@@ -171,7 +174,7 @@ class Residuals(Frozen, Shown):
         return f"Residuals(shape={self.shape}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        return Sheet(self.name, (_TABLE_HEADING, *(row._cells() for row in self.rows)), (self.verdict,))
+        return Sheet(self.name, (_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """Return the report, without the arrays, as JSON; a number that is not finite is null."""
@@ -180,14 +183,15 @@ class Residuals(Frozen, Shown):
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
-ROUNDOFF = 32
+RESIDUAL_BOUND_ROUNDOFFS = 32
 """Residuals that round-off explains, in units of u * scale: of motion that the library computed, 6 was the largest
 seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm sqrt(3) times
 that."""
 
 
 class ResidualKind(NamedTuple):
-    """One residual that is judged.
+    """Properties of a kind of residual: equation label, unit, rates that it needs, scale of its round-off, array of
+    its sizes.
 
     Attributes:
         label: of the equation.
@@ -204,7 +208,7 @@ class ResidualKind(NamedTuple):
     size: str
 
 
-RESIDUAL_KINDS = {
+RESIDUAL_KIND_BY_NAME = {
     "gap": ResidualKind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
     "tilt": ResidualKind("E2", "rad", (), "1", "tilt_angle"),
     "gap_rate": ResidualKind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
@@ -223,14 +227,15 @@ RESIDUAL_KINDS = {
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
 # The arrays of a report, sample by sample.
-_ARRAY_NAMES = (
+_RESIDUAL_ARRAY_NAMES = (
     *("gap", "tilt", "tilt_angle", "psi"),
     *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
 )
 
 
 class ResidualArrays(Results):
-    """Residuals of Dask arrays: those of `Residuals`, lazy, and how each sample compares to its tolerances.
+    """Residuals of Dask arrays: those of `Residuals`, computed lazily, and the ratio of each sample to its
+    tolerances.
 
     What the motions do not hold is None. `ratio` is the largest residual / tolerance of each sample: up to 1 passes;
     NaN where the motion is not finite. All samples pass if `dask.array.nanmax(arrays.ratio).compute() <= 1`.
@@ -240,14 +245,16 @@ class ResidualArrays(Results):
         outputs: names of the arrays.
     """
 
-    __slots__ = (*_ARRAY_NAMES, "ratio")
+    __slots__ = (*_RESIDUAL_ARRAY_NAMES, "ratio")
 
 
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> ResidualArrays:
-    """Compute the residuals of two motions, the hinge angle, and the largest residual / tolerance of each sample."""
-    computed = _compute(pair, body1, body2, tolerances)
+    """Compute the ResidualArrays of two motions: residuals, hinge angle, and the largest residual / tolerance of each
+    sample.
+    """
+    computed = _compute_residuals(pair, body1, body2, tolerances)
     ratio = np.full(computed.shape, -np.inf)
     for judged in computed.judged.values():
         ratio = np.maximum(ratio, judged.ratio)
@@ -255,26 +262,26 @@ def residual_arrays(
     return ResidualArrays({**computed.arrays, "ratio": ratio}, computed.shape)
 
 
-class _Judged(NamedTuple):
+class _ResidualComparison(NamedTuple):
     """Comparison of a residual with its tolerance at every sample, shape (...,); -inf where the motion is not finite.
 
     Attributes:
         sizes: of the residual; inf where it overflows.
         tolerance: what is allowed.
         ratio: sizes / tolerance.
-        known: where the motion is finite.
+        is_finite: where the motion is finite.
         basis: where the tolerance comes from.
     """
 
     sizes: Float64Array
     tolerance: Float64Array
     ratio: Float64Array
-    known: NDArray[np.bool_]
+    is_finite: NDArray[np.bool_]
     basis: str
 
 
-class _Computed(NamedTuple):
-    """All residuals of two motions.
+class _ResidualComputation(NamedTuple):
+    """All residuals of two motions as arrays, with their comparisons to the tolerances.
 
     Attributes:
         arrays: by name.
@@ -284,56 +291,60 @@ class _Computed(NamedTuple):
     """
 
     arrays: dict[str, NDArray[Any]]
-    judged: dict[str, _Judged]
+    judged: dict[str, _ResidualComparison]
     shape: tuple[int, ...]
     u: float
 
 
-def _compute(
+def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-) -> _Computed:
-    """Compute the residuals of two motions, each beside its tolerance at every sample."""
-    motions = _motions(body1, body2)
-    allowed = _check_tolerances(tolerances)
-    for kind in allowed:
-        _check_given(kind, motions)
+) -> _ResidualComputation:
+    """Compute all residuals of two motions that their rates allow, and compare each to its tolerance."""
+    motions = _read_both_motions(body1, body2)
+    tolerance_by_kind = _check_tolerances(tolerances)
+    for kind in tolerance_by_kind:
+        _check_rates_present(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
-    arrays = _arrays(pair, motions, shapes)
+    arrays = _computable_arrays(pair, motions, shapes)
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
-    scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KINDS if kind in arrays])
+    scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KIND_BY_NAME if kind in arrays])
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
     judged = {}
     for kind, scale in scales.items():
-        size = arrays[RESIDUAL_KINDS[kind].size]
-        known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
+        size = arrays[RESIDUAL_KIND_BY_NAME[kind].size]
+        is_finite = np.broadcast_to(attitudes & np.isfinite(scale), shape)
         size = size if size.ndim == len(shape) else norm(size)
-        judged[kind] = _judge(kind, size, scale, known, u, allowed)
-    return _Computed(arrays, judged, shape, u)
+        judged[kind] = _compare_residual(kind, size, scale, is_finite, u, tolerance_by_kind)
+    return _ResidualComputation(arrays, judged, shape, u)
 
 
-def _judge(
+def _compare_residual(
     kind: str,
     size: Float64Array,
     scale: Float64Array,
-    known: NDArray[np.bool_],
+    is_finite: NDArray[np.bool_],
     u: float,
-    allowed: Mapping[str, float],
-) -> _Judged:
-    """Compare one residual to its tolerance: the given one, or what round-off explains."""
+    tolerance_by_kind: Mapping[str, float],
+) -> _ResidualComparison:
+    """Compare one residual to its tolerance: the given one, or RESIDUAL_BOUND_ROUNDOFFS * u * scale."""
     with np.errstate(all="ignore"):
-        if kind in allowed:
-            basis, tolerance = "given", np.broadcast_to(allowed[kind], size.shape)
+        if kind in tolerance_by_kind:
+            basis, tolerance = "given", np.broadcast_to(tolerance_by_kind[kind], size.shape)
         else:
-            basis = f"{ROUNDOFF} u * ({RESIDUAL_KINDS[kind].scale})"
-            tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
-        sizes = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
-        return _Judged(sizes, tolerance, np.where(known, sizes / tolerance, -np.inf), known, basis)
+            basis = f"{RESIDUAL_BOUND_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
+            tolerance = RESIDUAL_BOUND_ROUNDOFFS * np.maximum(
+                np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
+            )
+        sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
+        return _ResidualComparison(
+            sizes, tolerance, np.where(is_finite, sizes / tolerance, -np.inf), is_finite, basis
+        )
 
 
-def _motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return all arrays of two motions, by the names of inputs."""
+def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
+    """Return all arrays of two motions by name, such as R1 and omega2; refuse motions without attitudes."""
     motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body, "S")
@@ -342,15 +353,17 @@ def _motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
     return motions
 
 
-def _arrays(
+def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
-    """Return those of the residuals, and of the hinge's own motion, that the motions determine."""
+    """Return by name the residuals, and the hinge angle and its rates, that the motions' arrays suffice for."""
     home, there = "home" in pair.values, {*motions, *pair.values}
     names = [
-        name for name in _ARRAY_NAMES if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= there
+        name
+        for name in _RESIDUAL_ARRAY_NAMES
+        if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= there
     ]
-    return arrays_of(pair, names, motions, shapes, np.dtype(np.float64))
+    return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
 
 
 def residuals(
@@ -361,20 +374,22 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
-    arrays, judged, shape, u = _compute(pair, body1, body2, tolerances)
+    """Compute the Residuals of two motions: how far they violate this hinge, beside tolerances (E1, E2 and their
+    derivatives).
+    """
+    arrays, judged, shape, u = _compute_residuals(pair, body1, body2, tolerances)
     instants = None if t is None else _broadcast_instants(t, shape)
-    rows = tuple(_worst(kind, own, instants) for kind, own in judged.items())
+    rows = tuple(_worst_sample_check(kind, comparison, instants) for kind, comparison in judged.items())
     left_out = np.zeros(shape, dtype=bool)
-    for own in judged.values():
-        left_out |= ~own.known
-    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAY_NAMES}
+    for comparison in judged.values():
+        left_out |= ~comparison.is_finite
+    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _RESIDUAL_ARRAY_NAMES}
     facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": rows}
     return Residuals(name=name, t=instants, **facts, **values)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return the instants, one for each sample."""
+    """Return instants, numbers or dates, broadcast to one for each sample and read-only; refuse other shapes."""
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
     try:
@@ -384,17 +399,19 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
         raise ShapeError("t", wanted, f"shape {array.shape}") from None
 
 
-def _worst(kind: str, judged: _Judged, t: NDArray[Any] | None) -> ResidualCheck:
-    """Return one residual at its worst sample, which is that with the largest part of its tolerance."""
-    label, unit, *_ = RESIDUAL_KINDS[kind]
-    sizes, tolerance, ratio, known, basis = judged
-    if not known.any():
+def _worst_sample_check(kind: str, comparison: _ResidualComparison, t: NDArray[Any] | None) -> ResidualCheck:
+    """Return the ResidualCheck of one residual, whose worst sample is that with the largest residual / tolerance."""
+    label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
+    sizes, tolerance, ratio, is_finite, basis = comparison
+    if not is_finite.any():
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
     worst = np.unravel_index(int(np.argmax(ratio)), sizes.shape)
     where = tuple(int(i) for i in worst)
     highest = float(sizes.max())
-    relative = np.where(known, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
-    rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / int(known.sum()))
+    relative = np.where(is_finite, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
+    rms = (
+        highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / int(is_finite.sum()))
+    )
     return ResidualCheck(
         kind,
         label,
@@ -406,27 +423,29 @@ def _worst(kind: str, judged: _Judged, t: NDArray[Any] | None) -> ResidualCheck:
         float(ratio[worst]),
         where,
         None if t is None else t[where].item() if t.dtype.kind not in "mM" else str(t[where]),
-        int(known.sum()),
+        int(is_finite.sum()),
         basis,
     )
 
 
-def _residual_scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return the scale of each residual, sample by sample (the formulas of KINDS); NaN or inf where an input is."""
+def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
+    """Return by kind the scale of each residual's round-off, sample by sample (the formulas of
+    `RESIDUAL_KIND_BY_NAME`).
+    """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
     def both(letter: str) -> Float64Array:
-        return np.asarray(np.maximum(largest(given[f"{letter}1"]), largest(given[f"{letter}2"])))
+        return np.asarray(np.maximum(largest(motions[f"{letter}1"]), largest(motions[f"{letter}2"])))
 
     scales: dict[str, Any] = {"gap": both("R") + (lever1 + lever2), "tilt": np.float64(1.0)}
     with np.errstate(all="ignore"):
         if "tilt_rate" in kinds:
-            W1, W2 = norm(given["omega1"]), norm(given["omega2"])
+            W1, W2 = norm(motions["omega1"]), norm(motions["omega2"])
             scales["tilt_rate"] = W1 + W2
         if "gap_rate" in kinds:
             scales["gap_rate"] = both("v") + W1 * lever1 + W2 * lever2
         if "tilt_acceleration" in kinds:
-            A1, A2 = norm(given["alpha1"]), norm(given["alpha2"])
+            A1, A2 = norm(motions["alpha1"]), norm(motions["alpha2"])
             scales["tilt_acceleration"] = A1 + A2 + (W1 + W2) * (W1 + W2)
         if "gap_acceleration" in kinds:
             scales["gap_acceleration"] = both("a") + (
@@ -435,27 +454,29 @@ def _residual_scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: lis
     return {kind: scales[kind] for kind in kinds}
 
 
-def _check_given(kind: str, given: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse the tolerance of a residual that the motions do not tell."""
-    letters = RESIDUAL_KINDS[kind].letters
-    missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in given]
+def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
+    """Raise ArgumentError if a tolerance is given for a kind of residual whose rates the motions do not have."""
+    letters = RESIDUAL_KIND_BY_NAME[kind].letters
+    missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
     if missing:
         expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
         raise ArgumentError(f"tolerances[{kind!r}]", expected, f"no {', '.join(missing)}")
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return a user's tolerances by the residual's name, checked."""
+    """Return the tolerances by kind of residual as floats; refuse unknown kinds and numbers that are not positive."""
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):
         raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
-    allowed = {}
+    tolerance_by_kind = {}
     for key, value in tolerances.items():
-        if key not in RESIDUAL_KINDS:
-            raise ArgumentError("tolerances", choices(tuple(RESIDUAL_KINDS)), repr(key))
+        if key not in RESIDUAL_KIND_BY_NAME:
+            raise ArgumentError("tolerances", choices(tuple(RESIDUAL_KIND_BY_NAME)), repr(key))
         number = finite_number(f"tolerances[{key!r}]", value)
         if number <= 0:
-            raise ArgumentError(f"tolerances[{key!r}]", f"a positive number [{RESIDUAL_KINDS[key].unit}]", value)
-        allowed[key] = number
-    return allowed
+            raise ArgumentError(
+                f"tolerances[{key!r}]", f"a positive number [{RESIDUAL_KIND_BY_NAME[key].unit}]", value
+            )
+        tolerance_by_kind[key] = number
+    return tolerance_by_kind

@@ -19,22 +19,24 @@ from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.states import PairState, PlanarState
 
-ROWS: Final = 131072
+ROWS_PER_BLOCK: Final = 131072
 """Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
-MOST_HELD: Final = 10_000_000
+MAX_HELD_INSTANTS: Final = 10_000_000
 """Instants that are held in memory at most."""
 
 _COMPONENT_LETTERS = "xyz"  # that a component's name ends with
 # Descriptions of the outputs, for files that describe themselves.
-_DESCRIPTIONS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
-_CSV_ROWS_AT_A_TIME = 8192  # rows of a .csv that are turned into text at a time
+_DESCRIPTION_BY_STATE_OUTPUT: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
+_CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Takes some instants, and what was found at them by name."""
 
 
 class Result(Shown):
-    """Arrays over instants, as tables that other tools read. Its kinds have `t`, `recorded()` and `described`."""
+    """Base of results that are arrays over instants and can become tables and files. Subclasses have `t`,
+    `recorded()` and `described`.
+    """
 
     __slots__ = ()
 
@@ -65,7 +67,7 @@ class Result(Shown):
         return sorted({*attributes, *self._named()})
 
     def _named(self) -> Iterable[str]:
-        """Return the attributes that a result has beside those of its class."""
+        """Return the names of the attributes that a result has beside those of its class, for `dir`."""
         raise NotImplementedError
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
@@ -86,7 +88,7 @@ class Result(Shown):
         Raises:
             MissingDependencyError: pandas is not installed.
         """
-        pandas = needed_package("pandas", "to_dataframe")
+        pandas = import_data_package("pandas", "to_dataframe")
         arrays = self.recorded()
         frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _split_columns(self.t, arrays), strict=True)))
         frame.attrs = {"description": self.described, "units": {"t": "s", **{n: self.unit(n) for n in arrays}}}
@@ -101,7 +103,7 @@ class Result(Shown):
         Raises:
             MissingDependencyError: xarray is not installed.
         """
-        xarray = needed_package("xarray", "to_xarray")
+        xarray = import_data_package("xarray", "to_xarray")
         leading, arrays = self._axes_and_arrays()
         variables: dict[str, Any] = {}
         letters: dict[str, list[str]] = {}
@@ -109,14 +111,18 @@ class Result(Shown):
             axes = "xyz" if 3 in array.shape[len(leading) :] else "xy"
             dims = (*leading, axes, f"body_{axes}")[: array.ndim]
             letters |= {dim: list(axes) for dim in dims[len(leading) :]}
-            facts = {"units": self.unit(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
+            facts = {
+                "units": self.unit(name),
+                "long_name": _DESCRIPTION_BY_STATE_OUTPUT.get(name, "").partition(";")[0],
+            }
             facts |= {"axes": "world"} if array.ndim > len(leading) else {}
             variables[name] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write it to a file, whole or not at all; every number comes back to the last bit.
+        """Write the arrays to a file, completely or not at all; return its Path. Every number read back equals the
+        one written.
 
         Args:
             path: ends in .csv (a header, then the fewest digits that give the same number), .npz (arrays by name),
@@ -134,7 +140,7 @@ class Result(Shown):
 
 
 class Record(Result):
-    """Arrays over instants by name: `record.hinge_torque`, `record["hinge_torque"]`.
+    """Result that holds arrays over instants by name: `record.hinge_torque`, `record["hinge_torque"]`.
 
     Args:
         t: instants [s]; shape (N,).
@@ -197,7 +203,8 @@ def result_file(
     inputs: Iterable[str | os.PathLike[str]] = (),
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
-    """Open a file for results that are written block by block; it appears only if the block is left without an error.
+    """Open a file for results, yield a function that appends a block of rows, and close it. The file appears only if
+    the `with` block ends without an error.
 
     .csv and .parquet are written as the blocks come; of .npz and .nc all that came is held until the end.
 
@@ -216,25 +223,27 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MOST_HELD and kind in _WHOLE_WRITERS:
-        expected = f"a name that ends in .csv or .parquet for more than {MOST_HELD} instants, which go block by block"
+    if samples > MAX_HELD_INSTANTS and kind in _WRITE_FUNCTION_BY_SUFFIX:
+        limit = f"more than {MAX_HELD_INSTANTS} instants, which go block by block"
+        expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
-    with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described, unit) as add:
+    with whole_file(target, inputs) as file, _WRITER_BY_SUFFIX[kind](file, samples, described, unit) as add:
         yield add
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file name whose ending names no format.
+    """Raise ArgumentError if the ending of a file name is not one of RESULT_SUFFIXES.
 
     Raises:
         ArgumentError: it ends in none that is known.
     """
-    if path.suffix.lower() not in _WRITERS:
+    if path.suffix.lower() not in _WRITER_BY_SUFFIX:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_SUFFIXES)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return one name for each component: R2_x, S2_xy and so on; a number at each instant keeps its own name.
+    """Return a list with one name for each component: R2_x, S2_xy and so on; a number at each instant keeps its own
+    name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
@@ -253,8 +262,8 @@ def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[
 
 
 @contextlib.contextmanager
-def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
-    """Yield a function that appends rows to a CSV file; the first call writes the heading."""
+def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
+    """Yield a function that appends rows to a CSV file; its first call writes the heading."""
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -264,40 +273,41 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
             begun = True
             file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
         columns = _split_columns(t, arrays)
-        for start in range(0, len(t), _CSV_ROWS_AT_A_TIME):
-            rows = np.stack([column[start : start + _CSV_ROWS_AT_A_TIME] for column in columns], axis=1)
+        for start in range(0, len(t), _CSV_ROWS_PER_WRITE):
+            rows = np.stack([column[start : start + _CSV_ROWS_PER_WRITE] for column in columns], axis=1)
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
 
     yield add
 
 
 @contextlib.contextmanager
-def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
+def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
     """Yield a function that appends rows to a Parquet file, whose metadata hold the description and units."""
-    arrow, parquet = needed_package("pyarrow", "save"), needed_package("pyarrow.parquet", "save")
+    arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Append a row group of instants t [s] and of arrays by name."""
         nonlocal writer
-        own = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
+        arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
-            arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)]) for c in own
+            arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)])
+            for c in arrays_by_column
         ]
         facts = {"description": described, "t": "s", **{name: unit(name) for name in arrays}}
         table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
         writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
-        writer.write_table(table, ROWS)
+        writer.write_table(table, ROWS_PER_BLOCK)
 
     with contextlib.ExitStack() as opened:
         yield add
 
 
 @contextlib.contextmanager
-def _open_at_end(
+def _collecting_writer(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
-    """Yield a function that collects rows in memory; write the file when the block ends."""
+    """Yield a function that collects rows in memory; call `write` for all of them when the `with` block ends."""
     kept: dict[str, Any] = {}
     count = 0
 
@@ -320,12 +330,13 @@ def _write_npz(file: IO[bytes], kept: dict[str, Any], *_: object) -> None:
 
 
 def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    needed_package("scipy", "save")
+    import_data_package("scipy", "save")
     file.write(Record(kept.pop("t"), kept, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 
 
-def needed_package(package: str, caller: str) -> Any:
-    """Return a package that tables or files are made with, imported.
+def import_data_package(package: str, caller: str) -> Any:
+    """Import and return a package that tables or files need; raise MissingDependencyError, which names `caller`, if
+    it is not installed.
 
     Raises:
         MissingDependencyError: it is not installed; names the method that asked for it.
@@ -338,12 +349,12 @@ def needed_package(package: str, caller: str) -> Any:
 
 
 # Writers of files that need all arrays at once, by the ending of the file.
-_WHOLE_WRITERS: Final[dict[str, Callable[..., None]]] = {".npz": _write_npz, ".nc": _write_netcdf}
+_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {".npz": _write_npz, ".nc": _write_netcdf}
 # All writers, by the ending of the file.
-_WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
-    ".csv": _csv,
-    ".parquet": _parquet,
-    **{kind: functools.partial(_open_at_end, write=write) for kind, write in _WHOLE_WRITERS.items()},
+_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
+    ".csv": _csv_writer,
+    ".parquet": _parquet_writer,
+    **{kind: functools.partial(_collecting_writer, write=write) for kind, write in _WRITE_FUNCTION_BY_SUFFIX.items()},
 }
-RESULT_SUFFIXES: Final = tuple(_WRITERS)
+RESULT_SUFFIXES: Final = tuple(_WRITER_BY_SUFFIX)
 """Endings of files that results are written to."""

@@ -9,7 +9,8 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 
 class PairState(Results):
-    """Body 2 (and body 1, where named) at every sample, as far as it was computed; world axes, SI units.
+    """Arrays of body 2 (and of body 1, where named) at every sample, as far as they were computed; world axes, SI
+    units.
 
     Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker
     all are arrays, so that `state.R2[-1]` passes.
@@ -67,7 +68,8 @@ class PairState(Results):
 
     @property
     def body2(self) -> BodyMotion:
-        """The motion of body 2, as body 1 of the next pair takes it; its rotations are not checked again.
+        """The BodyMotion of body 2, which the next pair of a chain takes as body 1; its rotations are not checked
+        again.
 
         Raises:
             ArgumentError: R2 or S2 is not among the outputs.
@@ -84,7 +86,7 @@ class PairState(Results):
 
     @property
     def body1(self) -> BodyMotion:
-        """The motion of body 1, where R1 and S1 are among the outputs; its rotations are not checked again.
+        """The BodyMotion of body 1, where R1 and S1 are among the outputs; its rotations are not checked again.
 
         Raises:
             ArgumentError: R1 or S1 is not among the outputs.
@@ -96,7 +98,9 @@ class PairState(Results):
         return [*super().__dir__(), *bodies]
 
     def _motion(self, body: str) -> BodyMotion:
-        """Return the motion of body 1 or 2 from the outputs that were computed for the body."""
+        """Return the BodyMotion of body "1" or "2" from the computed outputs; raise ArgumentError without its R and
+        S.
+        """
         for letter in "RS":
             if letter + body not in self.outputs:
                 raise ArgumentError("outputs", f"R{body} and S{body}, of which body{body} is made", self.outputs)
@@ -105,7 +109,7 @@ class PairState(Results):
 
 
 class PlanarState(Results):
-    """Body 2 of a planar pair at every sample, as far as it was computed; world axes, SI units.
+    """Arrays of body 2 of a planar pair at every sample, as far as they were computed; world axes, SI units.
 
     Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker
     all are arrays.

@@ -11,23 +11,25 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import Constants, check_one, check_pair
+from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.derivatives import geometry_jacobian
 from hingepair.rotations.matrices import rotation_exp
 
-DIMENSIONS: Final = tuple(f"{vector}_{letter}" for vector in ("u1", "u2", "n", "home") for letter in "xyz")
+GEOMETRY_COMPONENT_NAMES: Final = tuple(
+    f"{vector}_{letter}" for vector in ("u1", "u2", "n", "home") for letter in "xyz"
+)
 """The twelve numbers of a pair's geometry, in the order of its covariance: u1 and u2 [m], n, and the rotation vector
 that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
 
-STANDARD_DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
+STANDARD_DEVIATION_ARGUMENTS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
 """The arguments that say how far each part of the geometry scatters."""
 
-_COVARIANCE_ROUNDING = 1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
+_COVARIANCE_REL_TOLERANCE = 1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
-    """Deviations of the pose of body 2 from tolerances of the geometry, to first order, at every sample.
+    """Covariance of the pose of body 2 that tolerances of the geometry cause, to first order, at every sample.
 
     The pose is R2 and the attitude: the rotation vector, world axes, by which body 2 is turned away from where it
     would be without tolerances. Arrays are read-only.
@@ -66,30 +68,33 @@ class PoseCovariance(Frozen):
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
 
     def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the pose that each dimension causes alone, by name; (..., 6) m^2 and rad^2.
+        """Return the variances of the pose that each component of the geometry causes alone, by name; (..., 6) m^2
+        and rad^2.
 
         The names are u1_x to u2_z, "axis" for all three components of n, and home_x to home_z. Where the dimensions
         are independent, the contributions add up to the diagonal of `covariance`.
         """
-        own = {name: [k] for k, name in enumerate(DIMENSIONS) if not name.startswith("n_")}
-        places = {**dict(list(own.items())[:6]), "axis": [6, 7, 8], **dict(list(own.items())[6:])}
-        found = {}
+        indices = {name: [k] for k, name in enumerate(GEOMETRY_COMPONENT_NAMES) if not name.startswith("n_")}
+        places = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
+        variances = {}
         for name, columns in places.items():
             part = self.jacobian[..., columns]
-            found[name] = ((part @ self.geometry[np.ix_(columns, columns)]) * part).sum(axis=-1)
-        return found
+            variances[name] = ((part @ self.geometry[np.ix_(columns, columns)]) * part).sum(axis=-1)
+        return variances
 
 
 def propagate_covariance(
     pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
 ) -> PoseCovariance:
-    """Compute the covariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first order."""
+    """Compute the PoseCovariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first
+    order.
+    """
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
-    own = geometry_covariance(pair.arrays["n"], covariance, **std)
+    geometry = geometry_covariance(pair.arrays["n"], covariance, **std)
     slopes = geometry_jacobian(pair, body1, psi)
-    pose = (slopes @ own) @ np.swapaxes(slopes, -1, -2)
-    return PoseCovariance(covariance=read_only(pose), jacobian=read_only(slopes), geometry=read_only(own))
+    pose = (slopes @ geometry) @ np.swapaxes(slopes, -1, -2)
+    return PoseCovariance(covariance=read_only(pose), jacobian=read_only(slopes), geometry=read_only(geometry))
 
 
 def sample_pairs(
@@ -103,7 +108,8 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return random pairs as manufacturing tolerances, or the covariance of a fit, make them.
+    """Return a HingePair that holds random pairs, scattered by manufacturing tolerances or by the covariance of a
+    fit.
 
     All numbers are normally distributed about those of the pair. The axis keeps its length: it is tilted. Everything
     that takes a pair takes the result, in which every sample has a pair of its own.
@@ -136,7 +142,7 @@ def sample_pairs(
     ((20000, 3), array([0.001 , 0.001 , 0.0014]))
     """
     check_pair(pair)
-    check_one(pair)
+    check_single_pair(pair)
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
         raise ArgumentError("samples", "a whole number from 1", quoted(samples))
     try:
@@ -144,11 +150,11 @@ def sample_pairs(
     except (TypeError, ValueError):
         raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
     n = pair.n
-    own = geometry_covariance(n, covariance, u1_std=u1_std, u2_std=u2_std, axis_std=axis_std, home_std=home_std)
-    values, axes = np.linalg.eigh(own)
+    geometry = geometry_covariance(n, covariance, u1_std=u1_std, u2_std=u2_std, axis_std=axis_std, home_std=home_std)
+    values, axes = np.linalg.eigh(geometry)
     root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T  # the symmetric one, whatever the order of the axes
     du1, du2, tilt, turn = np.split(rng.standard_normal((samples, 12)) @ root, 4, axis=1)
-    variances = np.diagonal(own)
+    variances = np.diagonal(geometry)
     changed: dict[str, Any] = {}
     if variances[:3].any():
         changed["u1"] = pair.u1 + du1
@@ -162,18 +168,19 @@ def sample_pairs(
 
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
-    """Return the covariance of u1, u2, n and the rotation vector of home; shape (12, 12).
+    """Return the covariance of u1, u2, n and the rotation vector of home, from standard deviations or as given and
+    checked; shape (12, 12).
 
     Args:
         n: the hinge axis, of unit length; shape (3,).
         covariance: as it was given; None where it follows from standard deviations.
-        **std: by the names of `STANDARD_DEVIATIONS`: numbers, or, but for the axis, three.
+        **std: by the names of `STANDARD_DEVIATION_ARGUMENTS`: numbers, or, but for the axis, three.
 
     Raises:
         ArgumentError: no number of these is positive, or one cannot be used; names it.
     """
-    sizes = {name: _sizes(name, value) for name, value in std.items()}
-    scattered = [name for name, own in sizes.items() if own.any()]
+    sizes = {name: _three_deviations(name, value) for name, value in std.items()}
+    scattered = [name for name, geometry in sizes.items() if geometry.any()]
     if covariance is not None:
         if scattered:
             raise ArgumentError(scattered[0], "0 beside covariance, which says all of it", quoted(std[scattered[0]]))
@@ -181,15 +188,15 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
     if not scattered:
         expected = f"a positive standard deviation: {', '.join(std)}, or a covariance"
         raise ArgumentError("u1_std", expected, "0 for all of them")
-    own = np.zeros((12, 12))
+    geometry = np.zeros((12, 12))
     for name, place in (("u1_std", 0), ("u2_std", 3), ("home_std", 9)):
-        own[place : place + 3, place : place + 3] = np.diag(sizes[name] ** 2)
-    own[6:9, 6:9] = sizes["axis_std"][0] ** 2 * (np.eye(3) - np.outer(n, n))
-    return own
+        geometry[place : place + 3, place : place + 3] = np.diag(sizes[name] ** 2)
+    geometry[6:9, 6:9] = sizes["axis_std"][0] ** 2 * (np.eye(3) - np.outer(n, n))
+    return geometry
 
 
-def _sizes(name: str, value: ArrayLike) -> Float64Array:
-    """Return three standard deviations; a number stands for three that are equal."""
+def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
+    """Return three standard deviations; a number stands for three that are equal. Refuse numbers below 0."""
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         return np.full(3, number_not_below_0(name, number))
@@ -200,11 +207,13 @@ def _sizes(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Check a covariance of the twelve deviations, and return it exactly symmetric; shape (12, 12)."""
-    own = one_constant("covariance", value, 12, 12)
-    largest = np.diagonal(own).max()
-    allowed = _COVARIANCE_ROUNDING * largest
-    if not largest > 0 or np.abs(own - own.T).max() > allowed or np.linalg.eigvalsh(own).min() < -allowed:
+    """Return a covariance of the twelve components of the geometry, made exactly symmetric; refuse one with negative
+    variances. Shape (12, 12).
+    """
+    matrix = one_constant("covariance", value, 12, 12)
+    largest = np.diagonal(matrix).max()
+    allowed = _COVARIANCE_REL_TOLERANCE * largest
+    if not largest > 0 or np.abs(matrix - matrix.T).max() > allowed or np.linalg.eigvalsh(matrix).min() < -allowed:
         expected = "a covariance: a symmetric matrix whose eigenvalues are not negative and not all 0"
         raise ArgumentError("covariance", expected, "another matrix")
-    return np.asarray((own + own.T) / 2)
+    return np.asarray((matrix + matrix.T) / 2)

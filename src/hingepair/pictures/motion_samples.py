@@ -12,7 +12,7 @@ from hingepair.dynamics.simulate import SimulatedPlanarMotion
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.constants import check_one
+from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.scene import Scene, SceneResult
@@ -134,7 +134,7 @@ def _recorded_motion(source: object) -> RecordedMotion:
     if not isinstance(source, HingePair):
         expected = "a pair in space, a scene, its result, or a trajectory in space or by `simulate`"
         raise ArgumentError("source", expected, type(source).__name__)
-    check_one(source)
+    check_single_pair(source)
     lower, upper = source.limits or (-np.pi, np.pi)
     share = np.linspace(0, 1, 181)
     psi = lower + (upper - lower) * (share if source.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)

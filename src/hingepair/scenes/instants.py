@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Shown, instant_text, unit_of
-from hingepair.pair.results import MOST_HELD, ROWS
+from hingepair.pair.results import MAX_HELD_INSTANTS, ROWS_PER_BLOCK
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -93,11 +93,13 @@ class SampledScene(Shown, abc.ABC):
         Raises:
             ArgumentError: there are too many to be held in memory.
         """
-        if self.samples > MOST_HELD:
+        if self.samples > MAX_HELD_INSTANTS:
             way = (
                 "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
             )
-            raise ArgumentError("samples", f"at most {MOST_HELD} instants to be held in memory; {way}", self.samples)
+            raise ArgumentError(
+                "samples", f"at most {MAX_HELD_INSTANTS} instants to be held in memory; {way}", self.samples
+            )
         return np.asarray(read_only(self.instants[:]))
 
     def unit(self, name: str) -> str:
@@ -107,11 +109,11 @@ class SampledScene(Shown, abc.ABC):
     @property
     def backend(self) -> str:
         """The backend of all pieces of a long motion, so that pieces and the whole agree to the bit."""
-        return "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
+        return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:
         """Yield the numbers of the instants of one block after the other."""
-        return (slice(start, start + ROWS) for start in range(0, self.samples, ROWS))
+        return (slice(start, start + ROWS_PER_BLOCK) for start in range(0, self.samples, ROWS_PER_BLOCK))
 
     def spread(self, most: int) -> Rows:
         """Return the numbers of at most so many instants, evenly spread; of at least one."""
@@ -131,8 +133,8 @@ def read_instants(time: Table) -> UniformInstants:
 def read_instants_array(time: Table) -> Float64Array:
     """Return the instants of the table [time] as a read-only array; refuse more than may be held in memory."""
     t = read_instants(time)
-    if len(t) > MOST_HELD:
-        time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
+    if len(t) > MAX_HELD_INSTANTS:
+        time.fail("samples", f"at most {MAX_HELD_INSTANTS} where a motion is integrated, which is done in memory")
     return np.asarray(read_only(t[:]))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
+from hingepair.pair.accuracy import angular_rate_sizes, euler_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
@@ -240,7 +240,7 @@ class MotionByBody1:
         """Return R1, S1, R2, S2 in space by name; with rates also omega1, omega2, psid, W1 (scale of omega1)."""
         if not self.level:
             return self.forward_kinematics(pair, _POSE_OUTPUTS).arrays()
-        W1, _ = given_rate_sizes(self.body1.omega)
+        W1, _ = angular_rate_sizes(self.body1.omega)
         return self.forward_kinematics(pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS).arrays() | {
             "psid": self.hinge[1],
             "W1": np.asarray(W1),

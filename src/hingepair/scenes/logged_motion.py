@@ -27,7 +27,7 @@ from hingepair.numeric.instants import MeasurementWarning, instants_of
 from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import AUTO
+from hingepair.pair.evaluate import DEFAULT_EXECUTION
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
 from hingepair.plans.steps import COORDINATE_COLUMN_NAMES, COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -438,7 +438,10 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     _velocity_frame(table, log)
     arrays = position | turning | hinge
-    signals = SampledSignal(log.since, arrays["omega1"], AUTO), SampledSignal(log.since, arrays["psid"], AUTO)
+    signals = (
+        SampledSignal(log.since, arrays["omega1"], DEFAULT_EXECUTION),
+        SampledSignal(log.since, arrays["psid"], DEFAULT_EXECUTION),
+    )
     notes = (*log.notes, *filter(None, [log.unknown_error_note()]))
     return replace(
         integrate_motion(table, log.since, signals, arrays, hint=log.hint, notes=notes),

@@ -16,7 +16,7 @@ import sympy
 
 from hingepair.engine.loops import components
 from hingepair.errors import ArgumentError
-from hingepair.pair.constants import check_one
+from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, check_outputs, make_plan
@@ -68,7 +68,7 @@ class ClosedForms:
         symbolic: Collection[str] = (),
         exact_values: Mapping[str, SumTerms] | None = None,
     ) -> None:
-        check_one(pair)
+        check_single_pair(pair)
         self._planar = isinstance(pair, PlanarPair)
         coordinates = [_coordinate_with_derivatives(name, (motion or {}).get(name)) for name in self.kind.coordinates]
         constants = constant_inputs(pair, symbolic, exact_values or {})

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hingepair.mechanism.arguments import Coordinates
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
+from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, euler_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.forward_kinematics import read_pair_coordinates
@@ -165,7 +165,7 @@ def cross_validate_from_body1(
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
     flat = _arguments_by_sample(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
     moving = BodyMotion(**{letter: flat[letter] for letter in letters})
-    rate_sizes = given_rate_sizes(moving.omega, moving.alpha)
+    rate_sizes = angular_rate_sizes(moving.omega, moving.alpha)
     return _compare_with_pinocchio(pair, twin, state, moving, [flat[name] for name in angles], rate_sizes, None)
 
 

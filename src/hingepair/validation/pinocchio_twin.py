@@ -21,7 +21,7 @@ from hingepair.errors import ArgumentError, RotationError
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import unit_quaternion
 from hingepair.validation.free_flyer import (
@@ -198,7 +198,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     if isinstance(pair, Mechanism):
         return robot_twin(pair)
     check_pair(pair)
-    check_one(pair)
+    check_single_pair(pair)
     pin = import_pinocchio("to_pinocchio")
     model = pin.Model()
     model.name = pair.name

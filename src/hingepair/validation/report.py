@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from hingepair.errors import printable
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
-from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
+from hingepair.pair.accuracy import (
+    PINOCCHIO_BOUND_ROUNDOFFS,
+    PINOCCHIO_SCALE_TERM_BY_OUTPUT,
+    PROMISED_BOUND_BY_OUTPUT,
+    SCALE_FORMULA_BY_PLANAR_OUTPUT,
+)
 
 # The heading of the table of rates.
 _RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
@@ -49,7 +54,7 @@ class Comparison:
     max_ratio: float
     worst_sample: tuple[int, ...] | None
     samples: int
-    bound: float = PINOCCHIO_BOUND
+    bound: float = PINOCCHIO_BOUND_ROUNDOFFS
 
     @property
     def ok(self) -> bool:
@@ -59,10 +64,10 @@ class Comparison:
     @property
     def scale(self) -> str:
         """Formula of the scale of this output's error, as text for a reader."""
-        added_terms = PINOCCHIO_TERMS.get(self.output)
+        added_terms = PINOCCHIO_SCALE_TERM_BY_OUTPUT.get(self.output)
         if self.output in _SCALE_TEXT_BY_LOAD:
             return _SCALE_TEXT_BY_LOAD[self.output]
-        formula = PLANAR_SCALES.get(self.output) or PROMISES[self.output].scale
+        formula = SCALE_FORMULA_BY_PLANAR_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
         return f"{formula} + {added_terms}" if added_terms else formula
 
     @classmethod
@@ -72,7 +77,7 @@ class Comparison:
         error: NDArray[np.float64],
         ratio: NDArray[np.float64],
         shape: tuple[int, ...],
-        bound: float = PINOCCHIO_BOUND,
+        bound: float = PINOCCHIO_BOUND_ROUNDOFFS,
     ) -> Comparison:
         """Return the comparison of one output from errors, (N,), and errors in u * scale, (N,), of samples of a
         shape; NaN is not compared.
@@ -178,10 +183,10 @@ class CrossValidation(Shown):
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
         more = f", and {forces} within {MAX_FORCE_ERROR_RATIO} u*scale of its rnea" if forces else ""
-        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{more}{beside}"
+        return f"PASSED: {outputs} within {PINOCCHIO_BOUND_ROUNDOFFS} u*scale of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
-        planar = any(row.output in PLANAR_SCALES for row in self.rows)
+        planar = any(row.output in SCALE_FORMULA_BY_PLANAR_OUTPUT for row in self.rows)
         attitude_source = "in the plane" if planar else "attitude given"
         attitude = attitude_source if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
