@@ -158,7 +158,7 @@ __all__ = [
     "view",
 ]
 
-_LATER = {
+_LAZY_MODULE_BY_NAME = {
     name: module
     for module, names in {
         "pair.hinge_load": "HingeLoad",
@@ -196,11 +196,11 @@ _LATER = {
 
 def __getattr__(name: str) -> Any:
     """Import a public name that most users of the kinematics never need, when it is first asked for."""
-    if name not in _LATER:
+    if name not in _LAZY_MODULE_BY_NAME:
         from hingepair.errors import nearest
 
         raise AttributeError(f"module 'hingepair' has no attribute {name!r}{nearest(name, __all__)}")
-    value = globals()[name] = getattr(import_module(f"hingepair.{_LATER[name]}"), name)
+    value = globals()[name] = getattr(import_module(f"hingepair.{_LAZY_MODULE_BY_NAME[name]}"), name)
     return value
 
 

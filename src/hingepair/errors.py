@@ -5,10 +5,10 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Collection, Sequence
 
-_MAX_TEXT_LENGTH = 120  # characters of a value in a message
-_MAX_CHOICES = 64  # names that a message lists in full
+_MAX_VALUE_CHARACTERS = 120  # characters of a value in a message
+_MAX_LISTED_NAMES = 64  # names that a message lists in full
 _MAX_COMPARED_NAMES = 2000  # names that a misspelt one is compared with; of more none is
-_MIN_PART_LENGTH = 3  # characters of a name from which on a name that contains it is near
+_MIN_SUBSTRING_LENGTH = 3  # characters of a name from which on a name that contains it is near
 
 
 class HingePairError(Exception):
@@ -99,20 +99,22 @@ class CompilationError(HingePairError, RuntimeError):
         return type(self), (self.name, self.reason)
 
 
-def shorten(got: object) -> str:
+def shorten(value: object) -> str:
     """Return a value as one short line of text for a message; the work is bounded however large the value is."""
-    if getattr(got, "size", 0) > _MAX_TEXT_LENGTH and hasattr(got, "shape"):  # its text would be cut
-        return f"an array of shape {got.shape}"
-    value = got.tolist() if hasattr(got, "tolist") else got
-    text = " ".join((value[: 2 * _MAX_TEXT_LENGTH] if isinstance(value, str) else _brief(value)).split())
-    return text if len(text) <= _MAX_TEXT_LENGTH else text[: _MAX_TEXT_LENGTH - 3] + "..."
+    if getattr(value, "size", 0) > _MAX_VALUE_CHARACTERS and hasattr(value, "shape"):  # its text would be cut
+        return f"an array of shape {value.shape}"
+    plain_value = value.tolist() if hasattr(value, "tolist") else value
+    text = " ".join(
+        (plain_value[: 2 * _MAX_VALUE_CHARACTERS] if isinstance(plain_value, str) else _brief(plain_value)).split()
+    )
+    return text if len(text) <= _MAX_VALUE_CHARACTERS else text[: _MAX_VALUE_CHARACTERS - 3] + "..."
 
 
 def _brief(value: object) -> str:
-    """Return the repr of a value, shortened to its first items where it is a long list."""
+    """Return the repr of a value; of a long collection only its first items, of a long text its two ends."""
     brief = reprlib.Repr()
-    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_TEXT_LENGTH // 4
-    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_TEXT_LENGTH
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_VALUE_CHARACTERS // 4
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_VALUE_CHARACTERS
     try:
         return brief.repr(value)
     except ValueError:  # an integer with too many digits to be written
@@ -121,7 +123,7 @@ def _brief(value: object) -> str:
 
 def quoted(value: object) -> object:
     """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
-    return repr(value[: 2 * _MAX_TEXT_LENGTH]) if isinstance(value, str) else value
+    return repr(value[: 2 * _MAX_VALUE_CHARACTERS]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known: Collection[str]) -> str:
@@ -129,27 +131,30 @@ def nearest(name: str, known: Collection[str]) -> str:
     import difflib
 
     near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _MAX_COMPARED_NAMES else []
-    if not near and len(name) >= _MIN_PART_LENGTH:
+    if not near and len(name) >= _MIN_SUBSTRING_LENGTH:
         near = [one for one in known if name in one][:1]
     return f" (nearest: {near[0]})" if near else ""
 
 
 def choices(names: Sequence[str]) -> str:
     """Return `one of a, b, c` for messages; of more than 64 names only the first 32 are listed."""
-    if len(names) <= _MAX_CHOICES:
+    if len(names) <= _MAX_LISTED_NAMES:
         return "one of " + ", ".join(names)
-    return f"one of {len(names)} names: {', '.join(names[: _MAX_CHOICES // 2])}, ..."
+    return f"one of {len(names)} names: {', '.join(names[: _MAX_LISTED_NAMES // 2])}, ..."
 
 
-def pointed(line: str, column: int) -> str:
-    """Return a line with a caret under one of its columns, counted from 1; of a long line the part around the column.
+def line_with_caret(line: str, column: int) -> str:
+    """Return a line and, in a second line, a caret under a column, counted from 1; a long line is cut on both sides.
 
-    >>> print(pointed("psi = 2*", 9))
+    >>> print(line_with_caret("psi = 2*", 9))
       psi = 2*
               ^
     """
-    start = max(0, column - 1 - _MAX_TEXT_LENGTH // 2)
-    before, behind = printable(line[start : column - 1]), printable(line[column - 1 : column + _MAX_TEXT_LENGTH // 2])
+    start = max(0, column - 1 - _MAX_VALUE_CHARACTERS // 2)
+    before, behind = (
+        printable(line[start : column - 1]),
+        printable(line[column - 1 : column + _MAX_VALUE_CHARACTERS // 2]),
+    )
     return f"  {before}{behind}".rstrip() + f"\n  {' ' * len(before)}^"
 
 

@@ -17,7 +17,7 @@ from hingepair.mechanism.tree import Tree
 from hingepair.numeric.tables import align_columns, json_text
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import HINGES, SLIDERS, JointRecord, MimicRecord, Robot
+from hingepair.urdf.records import HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES, JointRecord, MimicRecord, RobotRecord
 
 # Headings of the two tables: of robots, and of the joints of one.
 ROBOT_TABLE_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
@@ -78,7 +78,9 @@ def robots_command(
 def _robot_table_row(robot: str) -> dict[str, Any]:
     """Count the hinges, sliders and mimic joints of a robot; return the row of the table of robots, by heading."""
     joints = read_urdf(robot_urdf(robot)).joints
-    hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGES, SLIDERS))
+    hinges, sliders = (
+        [joint for joint in joints if joint.type in types] for types in (HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES)
+    )
     names = {joint.name for joint in joints}
     following = sum(
         joint.follows in names for joint in hinges + sliders
@@ -94,7 +96,9 @@ def _joint_report(name: str) -> dict[str, Any]:
     """
     path = name if is_urdf(name) else robot_urdf(name)
     robot = read_urdf(path)
-    moving = [joint for joint in robot.joints if joint.type in (*HINGES, *SLIDERS) and joint.name]
+    moving = [
+        joint for joint in robot.joints if joint.type in (*HINGE_JOINT_TYPES, *SLIDER_JOINT_TYPES) and joint.name
+    ]
     fixed = [joint.name for joint in robot.joints if joint.type == "fixed"]
     report: dict[str, Any] = {"robot": robot.name, "dof": None, "joints": [], "folded": fixed, "notes": []}
     try:
@@ -129,9 +133,9 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
     return facts
 
 
-def _joint_row(robot: Robot, joint: JointRecord) -> dict[str, Any]:
+def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
     """Return a joint's kind, links, axis, pose and limits by name, or the error if it cannot be loaded."""
-    kind = "hinge" if joint.type in HINGES else "slider"
+    kind = "hinge" if joint.type in HINGE_JOINT_TYPES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
     row |= dict.fromkeys(("mass1", "mass2", "mass_moved"))

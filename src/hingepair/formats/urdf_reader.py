@@ -19,8 +19,8 @@ from hingepair.mechanism.shapes import body_drawing, link_shapes
 from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import JointRecord, Robot
-from hingepair.urdf.rigid import HERE, FramePose, combined
+from hingepair.urdf.records import JointRecord, RobotRecord
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia
 
 
 def from_urdf(
@@ -59,7 +59,7 @@ def from_urdf(
 
 
 def hinge_pair(
-    robot: Robot,
+    robot: RobotRecord,
     joint: str,
     body1_frame: str | None = None,
     body2_frame: str | None = None,
@@ -95,10 +95,10 @@ def hinge_pair(
     )
 
 
-def _poses_of_fixed_links(robot: Robot, hinge: JointRecord, link: str) -> dict[str, FramePose]:
+def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> dict[str, FramePose]:
     """Return the pose of every link that is rigidly fixed to a hinge's link, by name, in the axes of that link."""
     robot.check_link(link, hinge)
-    poses = {link: HERE}
+    poses = {link: IDENTITY_POSE}
     waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
     with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
         while waiting:
@@ -110,7 +110,9 @@ def _poses_of_fixed_links(robot: Robot, hinge: JointRecord, link: str) -> dict[s
                 robot.check_link(there, joint)
                 if there in poses:
                     raise URDFError(f"joint {joint.name!r}", "a tree of links", f"a circle through {there!r}")
-                poses[there] = poses[here].placed(joint.pose if there == joint.child else joint.pose.seen(HERE))
+                poses[there] = poses[here].placed(
+                    joint.pose if there == joint.child else joint.pose.seen(IDENTITY_POSE)
+                )
                 waiting.append((there, joint))
     return poses
 
@@ -125,7 +127,7 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
     return poses[link_name]
 
 
-def _combined_body(robot: Robot, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
+def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
     """Return links that are fixed to each other as one Body in the frame of their poses; None if no rigid body has
     their masses.
 
@@ -139,7 +141,7 @@ def _combined_body(robot: Robot, poses: Mapping[str, FramePose], warn: bool) -> 
             for link, part in heavy.items():
                 if part.mass < 0:
                     raise ArgumentError(f"mass of {link!r}", "a number above 0", part.mass)
-            mass, centre, tensor = combined(heavy.values())
+            mass, centre, tensor = combined_inertia(heavy.values())
             return Body(mass, centre, tensor, _link_shapes(robot, poses)) if heavy else None
         except ArgumentError as error:
             links = ", ".join(map(repr, heavy))
@@ -149,6 +151,6 @@ def _combined_body(robot: Robot, poses: Mapping[str, FramePose], warn: bool) -> 
     return None
 
 
-def _link_shapes(robot: Robot, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
+def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
     """Return the boxes, cylinders and spheres of links; none where a link is drawn by anything else."""
     return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

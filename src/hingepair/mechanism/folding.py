@@ -22,7 +22,7 @@ from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
-from hingepair.urdf.rigid import HERE, FramePose, Inertia, combined
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_inertia
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class JointPart:
     name: str
     kind: Literal["hinge", "slider", "fixed"]
     parent: int
-    pose: FramePose = HERE
+    pose: FramePose = IDENTITY_POSE
     axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
     links: Mapping[str, FramePose] = field(default_factory=dict)
     leaves: Sequence[str] = ()
@@ -179,17 +179,17 @@ def _body_poses(
     for part in parts:
         rule = rules[part.name]
         if isinstance(rule, float):
-            body, pose = body_poses[part.parent] if body_poses else (0, HERE)
+            body, pose = body_poses[part.parent] if body_poses else (0, IDENTITY_POSE)
             body_poses.append((body, pose.placed(part.pose.placed(_displacement(part, rule)))))
         else:
-            body_poses.append((body_numbers[part.name], HERE))
+            body_poses.append((body_numbers[part.name], IDENTITY_POSE))
     return body_poses
 
 
 def _displacement(part: JointPart, position: float) -> FramePose:
     """Return the pose of a body whose joint is at a position [rad or m], in its axes at position 0."""
     if position == 0 or part.kind == "fixed":
-        return HERE
+        return IDENTITY_POSE
     if part.kind == "slider":
         return FramePose(np.eye(3), part.axis * position)
     sine, cosine = sine_and_cosine(position)
@@ -258,7 +258,7 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
         return ZERO_MASS_PROPERTIES
-    mass, centre, tensor = combined(heavy.values())
+    mass, centre, tensor = combined_inertia(heavy.values())
     if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
         links = ", ".join(map(repr, heavy))
         raise ArgumentError(

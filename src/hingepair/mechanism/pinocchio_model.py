@@ -14,7 +14,7 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import HERE, FramePose, Inertia
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
 # Names of the joint types that are hinges.
 _PINOCCHIO_HINGE_TYPES = {
@@ -103,7 +103,7 @@ def _parts_of_joint(
         last = i == len(composite.joints)
         carrying_part = first_part + i - 2 if i > 1 else parent_part
         seat = pose.placed(_convert_placement(inner)) if i == 1 else _convert_placement(inner)
-        part_content = body_content | {"frames": {**body_content["frames"], name: HERE}} if last else {}
+        part_content = body_content | {"frames": {**body_content["frames"], name: IDENTITY_POSE}} if last else {}
         parts.append(
             _part_of_joint(
                 model, single, f"{name}_{i}", joint_number, carrying_part, seat, idx_q, idx_v, part_content
@@ -211,7 +211,7 @@ class _BodyContents:
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:
             name = self._model.names[joint]
-            links, leaves = {name: HERE}, [] if joint in self._parents else [name]
+            links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
         body = self._model.inertias[joint]
         inertia = Inertia(float(body.mass), np.array(body.lever), np.array(body.inertia))
         frames = self._frames.get(joint, {})

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.urdf.records import SIZES, LinkRecord, Visual
+from hingepair.urdf.records import SHAPE_SIZE_DEFAULTS, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
 
@@ -50,7 +50,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     for tag in tags:
         try:
             visuals = link.visuals(tag)
-            if visuals and all(visual.kind in SIZES for visual in visuals):
+            if visuals and all(visual.kind in SHAPE_SIZE_DEFAULTS for visual in visuals):
                 return tuple(_shape_of_visual(visual) for visual in visuals if min(visual.sizes) > 0)
         except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
             return None

@@ -17,7 +17,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
-from hingepair.urdf.rigid import HERE, FramePose, Inertia
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
 PartKind = Literal["hinge", "slider", "fixed"]
 # Kinds of parts, by the type of a URDF joint.
@@ -31,7 +31,7 @@ BASE_LINK_NAME = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
-def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
+def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
     """Convert a robot that was read from URDF to parts: the base, then the joints depth-first by name. Warn of a
     joint that follows one that does not exist.
 
@@ -69,11 +69,16 @@ def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
     return parts
 
 
-def _link_content(robot: records.Robot, link_name: str, is_leaf: bool) -> dict[str, Any]:
+def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
     """Return the keyword arguments of `JointPart` that describe a link."""
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
-    return {"links": {link_name: HERE}, "leaves": leaves, "inertias": {link_name: link.inertia()}, "shapes": shapes}
+    return {
+        "links": {link_name: IDENTITY_POSE},
+        "leaves": leaves,
+        "inertias": {link_name: link.inertia()},
+        "shapes": shapes,
+    }
 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
@@ -105,8 +110,8 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
             ("body1", other) for other, parent in zip(checked, parent_numbers, strict=True) if parent == number
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
-    seats = [HERE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, is_leaf=False))]
+    seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
+    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], IDENTITY_POSE, is_leaf=False))]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         leaf = number not in parent_numbers
         home = np.asarray(pair.home)

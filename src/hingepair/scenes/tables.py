@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeAlias
 
-from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointed, quoted
+from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret, nearest, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
 from hingepair.pair.results import RESULT_SUFFIXES
@@ -299,7 +299,7 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
     elif len(word) <= _shown.maxstring and _UNQUOTED_EXPRESSION_PATTERN.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)
-    error.add_note(pointed(line, column))
+    error.add_note(line_with_caret(line, column))
     return error
 
 

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 import sympy
 
-from hingepair.errors import ArgumentError, nearest, pointed
+from hingepair.errors import ArgumentError, line_with_caret, nearest
 from hingepair.symbolic.exact_constants import exact, unnested
 from hingepair.symbolic.jets import MAX_NUMBER_BITS, SMOOTH_FUNCTION_NAMES, SYMPY_ERRORS, bit_length, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
@@ -411,14 +411,14 @@ class _ExpressionBuilder:
         got = f"unknown name '{short}' at column {column}{hint}"
         error = ArgumentError(self.name, ", ".join(names), got)
         error.args = (f"{self.name}: {got}; known: {error.expected}",)
-        error.add_note(pointed(self.line, column))
+        error.add_note(line_with_caret(self.line, column))
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
         """Raise an ArgumentError about the text, with a caret under a column."""
         error = ArgumentError(self.name, expected, got)
         if column is not None:
-            error.add_note(pointed(self.line, column))
+            error.add_note(line_with_caret(self.line, column))
         raise error from None
 
 

@@ -8,24 +8,25 @@ from collections import defaultdict
 from pathlib import Path
 
 from hingepair.errors import URDFError
-from hingepair.urdf.records import JointRecord, LinkRecord, Robot
+from hingepair.urdf.records import JointRecord, LinkRecord, RobotRecord
 
 
-def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
-    """Read the links and joints of a URDF; meshes and everything else are not touched.
+def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
+    """Return the links and joints of a URDF; angles within `snap` [rad] of a quarter turn are read as quarter turns.
 
     Args:
-        path_or_text: the text itself (it starts with "<"), else a file's path.
-        snap: an angle of an origin (rpy) within this of a multiple of pi/2 is taken for it [rad]. Without it, only
-            an angle that is the double nearest to a multiple of pi/2 is that turn exactly.
+        path_or_text: text of a URDF (it starts with "<"), or the path of a file. Only links and joints are read,
+            no meshes.
+        snap: largest distance [rad] of an angle of an origin (rpy) from a multiple of pi/2 at which the angle is read
+            as this multiple. With 0, only an angle that is the double nearest to a multiple of pi/2 is.
 
     Raises:
         URDFError: the file cannot be read; not XML, a DOCTYPE in it (it could name files or grow without bound), not
             a robot; a joint's parent link is not declared: whatever the joint carries would hang on nothing.
     """
-    parser = ET.XMLParser(target=_NoDoctype())
+    parser = ET.XMLParser(target=_DoctypeRefusingBuilder())
     try:
-        parser.feed(_text(path_or_text))
+        parser.feed(_read_text(path_or_text))
         root = parser.close()
     except URDFError:
         raise
@@ -41,7 +42,7 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
     for joint in joints:
         for name in {joint.parent, joint.child}:
             joints_at[name].append(joint)
-    robot = Robot(root.get("name", ""), dict(links), joints, dict(joints_at))
+    robot = RobotRecord(root.get("name", ""), dict(links), joints, dict(joints_at))
     for joint in joints:
         robot.check_declared(joint.parent, joint)
     return robot
@@ -53,15 +54,15 @@ def _joint(element: ET.Element, snap: float) -> JointRecord:
     return JointRecord(element, element.get("name", ""), element.get("type", ""), parent, child, leader, snap)
 
 
-class _NoDoctype(ET.TreeBuilder):
-    """Refuses a DOCTYPE before anything that it declares is expanded."""
+class _DoctypeRefusingBuilder(ET.TreeBuilder):
+    """Builder of XML trees that raises URDFError at a DOCTYPE, before anything that this declares is expanded."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         raise URDFError("URDF", "XML without a DOCTYPE", f"<!DOCTYPE {name} {pubid or ''} {system or ''}>")
 
 
-def _text(path_or_text: str | os.PathLike[str]) -> str | bytes:
-    """Return the text itself where it is one, else what the file holds."""
+def _read_text(path_or_text: str | os.PathLike[str]) -> str | bytes:
+    """Return the text of a URDF: the argument if it is one, else the bytes of the file at this path."""
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         return path_or_text.lstrip("\ufeff \t\r\n")
     try:

@@ -22,34 +22,35 @@ from hingepair.errors import URDFError, choices, nearest, quoted
 from hingepair.rotations.sequences import find_sequence
 from hingepair.urdf.rigid import FramePose, Inertia
 
-HINGES = ("revolute", "continuous")
+HINGE_JOINT_TYPES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
 
-SLIDERS = ("prismatic",)
+SLIDER_JOINT_TYPES = ("prismatic",)
 """Joint types that shift along one axis."""
 
 # A number as URDF writes it.
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+SHAPE_SIZE_DEFAULTS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
 
 # The attributes of URDF's inertia.
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
+_INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_HALF_PI_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MAX_SNAPPED_QUARTER_TURNS = 2**20  # of larger angles every one is near a multiple
-_QUARTER_TURNS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))  # sine and cosine of 0, 1, 2, 3 quarter turns
+# Sine and cosine of 0, 1, 2, 3 quarter turns.
+_QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
 
 class Visual(NamedTuple):
-    """A shape that a link is drawn by.
+    """Shape by which a link is drawn or collides: its kind, its sizes [m] and its pose in the link's axes.
 
     Attributes:
         kind: "box", "cylinder", "sphere", or another tag such as "mesh".
         sizes: edges of a box, radius and length of a cylinder along z, radius of a sphere [m]; else none.
-        pose: in the axes of the link.
+        pose: pose of the shape in the axes of the link.
     """
 
     kind: str
@@ -72,11 +73,11 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """A link.
+    """Link of a URDF; its mass properties and shapes are read from its XML element when they are asked for.
 
     Attributes:
         element: the XML element.
-        name: of the link.
+        name: name of the link.
         snap: how near to a multiple of pi/2 an angle of an origin is taken for it [rad].
     """
 
@@ -85,7 +86,7 @@ class LinkRecord:
     snap: float
 
     def inertia(self) -> Inertia:
-        """Return its mass properties in its own axes; zero where none are given.
+        """Return the link's mass properties in its own axes; zero where none are given.
 
         Raises:
             URDFError: an entry is no finite number.
@@ -93,38 +94,41 @@ class LinkRecord:
         where = f"link {self.name!r}, inertial"
         (mass,) = _numbers(self.element.find("inertial/mass"), "value", where, (0.0,))
         moments = self.element.find("inertial/inertia")
-        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, where, (0.0,))[0] for key in _MOMENTS)
-        own = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
-        return own.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
+        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, where, (0.0,))[0] for key in _INERTIA_ATTRIBUTE_NAMES)
+        at_centre = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+        return at_centre.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return the shapes that it is drawn by, or, by the tag "collision", those that it collides by.
+        """Return the link's shapes: those by which it is drawn, or with tag "collision" those by which it collides.
 
         Raises:
             URDFError: an origin or a size is no finite number.
         """
-        found = []
+        shapes = []
         for element in self.element.findall(tag):
             shape = element.find("geometry/*")
             kind = "" if shape is None else shape.tag
             where = f"link {self.name!r}, {tag}"
             pose = _pose(element.find("origin"), where, self.snap)
-            groups = [_numbers(shape, key, f"{where}, {kind}", zero) for key, zero in SIZES.get(kind, {}).items()]
-            found.append(Visual(kind, tuple(size for group in groups for size in group), pose))
-        return found
+            groups = [
+                _numbers(shape, key, f"{where}, {kind}", zero)
+                for key, zero in SHAPE_SIZE_DEFAULTS.get(kind, {}).items()
+            ]
+            shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
+        return shapes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """A joint; a name that is not given is "".
+    """Joint of a URDF; its numbers are read from its XML element when they are asked for.
 
     Attributes:
         element: the XML element.
-        name: of the joint.
+        name: name of the joint; "" where none is given.
         type: revolute, continuous, prismatic, fixed, floating or planar.
-        parent: the link that carries it.
-        child: the link that it carries, whose frame is the joint's.
-        follows: the joint whose position it follows (mimic).
+        parent: name of the link that carries the joint.
+        child: name of the link that the joint carries, whose frame is the joint's.
+        follows: name of the joint whose position this one follows (mimic); "" for none.
         snap: how near to a multiple of pi/2 an angle of its origin is taken for it [rad].
     """
 
@@ -143,7 +147,7 @@ class JointRecord:
 
     @property
     def axis(self) -> tuple[float, ...]:
-        """Its axis in the child link's axes, as written, not normalised."""
+        """Axis of the joint in the child link's axes, as written, not normalised; (1, 0, 0) unless given."""
         axis = _numbers(self.element.find("axis"), "xyz", f"{self._where}, axis", (1.0, 0.0, 0.0))
         if not any(axis):
             raise URDFError(f"{self._where}, axis xyz", "a non-zero axis", axis)
@@ -161,13 +165,13 @@ class JointRecord:
 
     @property
     def effort(self) -> float | None:
-        """Its largest torque [N m] or force [N]; None where none is given."""
-        return self._not_below_0("effort")
+        """Largest torque [N m] or force [N] of the joint; None where none is given."""
+        return self._limit_number("effort")
 
     @property
     def velocity(self) -> float | None:
-        """Its largest rate [rad/s or m/s]; None where none is given."""
-        return self._not_below_0("velocity")
+        """Largest rate of the joint [rad/s or m/s]; None where none is given."""
+        return self._limit_number("velocity")
 
     @property
     def damping(self) -> float:
@@ -181,7 +185,7 @@ class JointRecord:
 
     @property
     def mimic(self) -> MimicRecord | None:
-        """Rule by which the joint follows another; None where it does not."""
+        """The `MimicRecord` by which this joint follows another; None where it does not."""
         if self.element.find("mimic") is None:
             return None
         multiplier, offset = (self._number("mimic", key, one) for key, one in (("multiplier", 1.0), ("offset", 0.0)))
@@ -191,8 +195,8 @@ class JointRecord:
     def _where(self) -> str:
         return f"joint {self.name!r}"
 
-    def _not_below_0(self, key: str) -> float | None:
-        """Return a number of the limit element, None where it is missing; refuse a negative one."""
+    def _limit_number(self, key: str) -> float | None:
+        """Return a number of the element <limit>, None where it is missing; raise URDFError for a negative number."""
         number: float | None = self._number("limit", key, None)
         if number is not None and number < 0:
             raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)
@@ -203,14 +207,14 @@ class JointRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robot:
-    """Content of a URDF.
+class RobotRecord:
+    """Links and joints of a URDF.
 
     Attributes:
-        name: of the robot.
-        links: by name, in order; a name that is given twice stands for both.
-        joints: in order.
-        joints_at: by link, the joints that it is parent or child of.
+        name: name of the robot.
+        links: links by name, in the order of the file; a name that is given twice has both links.
+        joints: joints in the order of the file.
+        joints_at: for the name of each link, the joints of which it is parent or child.
     """
 
     name: str
@@ -220,10 +224,10 @@ class Robot:
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return the revolute and continuous joints that have a name, mimic joints included."""
-        return tuple(joint for joint in self.joints if joint.type in HINGES and joint.name)
+        return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return the hinge of this name.
+        """Return the revolute or continuous joint of a name.
 
         Raises:
             URDFError: no such joint, two, or one that is no hinge; lists those that would do.
@@ -231,7 +235,7 @@ class Robot:
         joints = [joint for joint in self.joints if joint.name == name and name]
         if len(joints) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
-        if joints and joints[0].type in HINGES:
+        if joints and joints[0].type in HINGE_JOINT_TYPES:
             return joints[0]
         known = [hinge.name for hinge in self.hinges()]
         if not known:
@@ -241,7 +245,7 @@ class Robot:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Refuse a link that a joint names and the robot has not.
+        """Check that a link that a joint names is a link of the robot.
 
         Raises:
             URDFError: names the joint.
@@ -251,7 +255,7 @@ class Robot:
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Refuse a link that a joint names.
+        """Check that a link that a joint names is declared once, and carried by at most one joint.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -263,7 +267,7 @@ class Robot:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return the root link and all joints, depth-first, the joints of one link by name.
+        """Return the name of the root link, and all joints depth-first, the joints of one link in the order of names.
 
         Raises:
             URDFError: the links and joints are no tree: names the joint or the links that are wrong.
@@ -306,7 +310,7 @@ class Robot:
 
 
 def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
-    """Return the rotation matrix (3, 3) and position (3,) [m] of an element <origin>; the identity without one.
+    """Return the pose of an element <origin>, the identity without one; angles within `snap` are quarter turns.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
@@ -318,26 +322,28 @@ def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
-    """Return sine and cosine of an angle [rad], exactly where it is the double nearest to a multiple of pi/2.
+    """Return sine and cosine of an angle [rad], exact if it is within `snap` of a multiple of pi/2, or nearest to it.
 
     An angle within `snap` of a multiple of pi/2 is taken for that multiple.
     """
     turns = round(angle / (math.pi / 2))
-    near = angle == float(turns * _HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
+    near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
     return (
-        _QUARTER_TURNS[turns % 4]
+        _QUARTER_TURN_SINES_AND_COSINES[turns % 4]
         if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURNS
         else (math.sin(angle), math.cos(angle))
     )
 
 
 def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the one or three finite numbers of an attribute; where it is not given, those of the default."""
+    """Return the one or three finite numbers of an XML attribute; if it is missing, those of `default`."""
     text = None if element is None else element.get(key)
     if text is None:
         return default
     words = text.split()
-    if len(words) == len(default) and all(_NUMBER.fullmatch(word) and np.isfinite(float(word)) for word in words):
+    if len(words) == len(default) and all(
+        _URDF_NUMBER_PATTERN.fullmatch(word) and np.isfinite(float(word)) for word in words
+    ):
         return tuple(map(float, words))
     raise URDFError(
         f"{where} {key}", "three finite numbers" if len(default) == 3 else "a finite number", quoted(text)

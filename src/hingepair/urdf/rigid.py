@@ -11,7 +11,7 @@ from hingepair.numeric.arrays import Float64Array
 
 
 class FramePose(NamedTuple):
-    """Rotation and origin of a frame, in the axes of another."""
+    """Pose of a frame in the axes of another: rotation matrix (3, 3) and origin (3,) [m]."""
 
     rotation: Float64Array
     origin: Float64Array
@@ -25,17 +25,17 @@ class FramePose(NamedTuple):
         return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
-HERE = FramePose(np.eye(3), np.zeros(3))
-"""The pose of a frame in itself."""
+IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
+"""Pose of a frame in itself."""
 
 
 class Inertia(NamedTuple):
-    """Mass properties, in the axes of a frame.
+    """Mass properties in the axes of a frame: mass, centre of mass, and inertia tensor about this centre.
 
     Attributes:
-        mass: of either sign, as it was written [kg].
+        mass: mass [kg], of either sign, as it was written.
         centre: centre of mass [m]; shape (3,).
-        tensor: about the centre of mass [kg m^2]; shape (3, 3).
+        tensor: inertia tensor about the centre of mass [kg m^2]; shape (3, 3).
     """
 
     mass: float
@@ -48,8 +48,8 @@ class Inertia(NamedTuple):
         return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
 
 
-def combined(inertias: Collection[Inertia]) -> Inertia:
-    """Return the mass properties of parts taken together, given in one frame (parallel axes).
+def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
+    """Return the mass properties of several parts as one rigid body; all are given in one frame.
 
     Where the masses add up to zero, the centre of mass is taken at the frame's origin.
     """
@@ -58,8 +58,8 @@ def combined(inertias: Collection[Inertia]) -> Inertia:
     if total:
         middle = np.sum([part.mass / total * part.centre for part in inertias], axis=0)
     tensor = np.zeros((3, 3))
-    for mass, centre, own in inertias:
+    for mass, centre, part_tensor in inertias:
         arm = centre - middle
-        tensor += own
+        tensor += part_tensor
         tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Inertia(total, middle + 0.0, tensor + 0.0)
