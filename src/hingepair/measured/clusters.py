@@ -26,13 +26,14 @@ class ClusterFit:
     markers on it, and how far each marker is off its place.
 
     Attributes:
-        body: R, the mean of the cluster's markers, and S; NaN where fewer than three markers are seen; shape (N,).
+        body: the motion: R, the mean of the cluster's markers, and S; NaN where fewer than three markers are seen;
+            shape (N,).
         reference: places of the markers in the body's axes [m]; (M, 3).
-        residuals: distance of each marker from its place [m], NaN where it is missing; (N, M).
-        rms: of these distances, marker by marker [m]; (M,).
+        residuals: distance of each marker from its place [m]; (N, M), NaN where the marker is not seen.
+        rms: rms of these distances for each marker [m]; (M,).
         noise: standard deviation of a coordinate of a marker [m].
-        ok: the cluster is rigid.
-        findings: in sentences: which marker moved.
+        ok: whether the cluster is rigid.
+        findings: sentences on the marker that moved against the others.
     """
 
     body: BodyMotion
@@ -49,17 +50,17 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     (Kabsch's algorithm); return a ClusterFit. Fit the markers' places on the body too unless `reference` gives them.
 
     Args:
-        markers: places in the world [m], NaN where a marker is not seen; shape (N, M, 3), three markers or more that
-            are not on a line.
-        reference: their places in the body's axes [m]; (M, 3). Unless given, they are fitted too: the axes are those
-            of the world at the first sample with all markers, the reference point is the markers' mean.
+        markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3), three
+            markers or more that are not on a line.
+        reference: places of the markers in the body's axes [m]; (M, 3). Unless these are given, the body's axes are
+            those of the world at the sample that shows most markers, and its reference point is the markers' mean.
 
     Returns:
-        The motion, ready for `fit` and `smooth`.
+        The fit, whose `.body` is ready for `fit` and `smooth`.
 
     Raises:
-        FitError: no sample has three markers, or they lie on a line.
-        ArgumentError: an argument cannot be used; names it.
+        FitError: no sample has three markers, or the markers are on a line.
+        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp

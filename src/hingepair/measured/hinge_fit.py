@@ -64,9 +64,11 @@ class EncoderFit:
 
     Attributes:
         zero: psi where the encoder reads 0 [rad].
-        scale: psi by the reading: 1 for an encoder in radians that turns with psi, -1 against it.
-        noise: standard deviation of the encoder, as a hinge angle [rad]; poorly known where attitudes are rougher.
-        std: standard deviations of zero and scale.
+        scale: psi per unit of the reading: 1 for an encoder in radians that turns with psi, -1 for one that turns
+            against it.
+        noise: standard deviation of the encoder, as a hinge angle [rad]; poorly known where the noise of the
+            attitudes is larger.
+        std: standard deviations of zero and scale, by name.
     """
 
     zero: float
@@ -81,33 +83,34 @@ class HingeFit(Shown):
     sample.
 
     Attributes:
-        pair: the hinge, ready for everything else.
-        psi: hinge angle, without jumps by 2 pi from one sample to the next, the first in [-pi, pi]; (N,) rad, NaN
-            where a pose is missing.
+        pair: the hinge.
+        psi: hinge angle [rad], without jumps by 2 pi from one sample to the next, the first in [-pi, pi]; shape (N,),
+            NaN where a pose is missing.
         psi_range: smallest and largest psi of the samples that are no outliers [rad].
         covariance: of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this order; (12, 12).
-            Its rank is 9: n keeps its length, the gauge keeps one of u1 and u2 across, home follows from both axes.
-        std: standard deviations by name: of u1, u2, n and home, roots of the diagonal of `covariance`, (3,) each; of
-            noise_position, noise_angle and, with `t`, clock_offset, a number each.
-        rms_position: of abs(R1 + S1 u1 - R2 - S2 u2) [m]; of a robust loss each sample by its weight.
-        rms_angle: of the angle between the axes of the two bodies [rad]; likewise. NaN of a body 2 without attitudes,
-            like noise_angle and tilt.
-        noise_position: standard deviation of a coordinate of R2 - R1 [m], which has the noise of both bodies; poorly
-            known where the noise of angles, times the levers, is much larger.
-        noise_angle: standard deviation of a component of the relative attitude, that of psi [rad].
+            Its rank is 9, since the length of n is 1, the gauge fixes one coordinate along the axis, and home follows
+            from the axes in both bodies.
+        std: standard deviations by name: those of u1, u2, n and home have shape (3,); those of noise_position,
+            noise_angle and (with `t`) clock_offset are numbers.
+        rms_position: rms of `gap` [m]; with a robust loss, weighted by `weights`.
+        rms_angle: rms of `tilt` [rad], weighted in the same way; NaN where body 2 is a point.
+        noise_position: standard deviation of a coordinate of R2 - R1 [m], with the noise of both bodies; poorly known
+            where the noise of the attitudes times the levers is much larger.
+        noise_angle: standard deviation of a component of the relative attitude, and so of psi [rad]; NaN where body 2
+            is a point.
         clock_offset: by how much later body 2 was recorded than body 1 at equal stamps [s]; None without `t`. Where
-            the motion does not determine it, it is 0 and its standard deviation is inf.
+            the motion does not determine the offset, it is 0 and its standard deviation is inf.
         encoder: zero, scale and noise of the encoder; None where none was given.
-        ok: the motion shows a hinge and determines it.
-        findings: in sentences: what was not seen, what is no hinge, what else to know.
-        gauge: which point of the axis u1 and u2 name.
-        loss: of each sample.
-        weights: of each sample, by argument and loss; (N,), 0 where a pose is missing.
-        t: instants since the first [s], or None; (N,).
-        gap: abs(R1 + S1 u1 - R2 - S2 u2) of each sample; (N,) m.
-        tilt: angle between the axes of the two bodies; (N,) rad.
-        samples: how many were used.
-        body2: the motion of body 2 at the instants of body 1, the clock offset taken out.
+        ok: whether the motion shows a hinge and determines it.
+        findings: sentences on what the motion does not show, why it is not that of a hinge, and what else to know.
+        gauge: the rule that places the hinge point along the axis, as given to `fit`.
+        loss: the loss, as given to `fit`.
+        weights: weight of each sample, the given one times that of the loss; (N,), 0 where a pose is missing.
+        t: instants since the first [s], shape (N,); None where none were given.
+        gap: distance between the hinge points of both bodies, abs(R1 + S1 u1 - R2 - S2 u2) [m]; (N,).
+        tilt: angle between the hinge axes of both bodies [rad]; (N,), NaN where body 2 is a point.
+        samples: number of samples used.
+        body2: the motion of body 2 at the instants of body 1, corrected for the clock offset.
     """
 
     pair: HingePair
@@ -266,44 +269,47 @@ def fit(
     """Fit the hinge that two recorded motions share, n, home, u1, u2 and psi(t) (E1, E5), and return a HingeFit. With
     `t`, estimate the offset between both clocks too.
 
-    First in closed form, from the mean relative attitude and six linear equations; then the most likely hinge if
-    every pose is off by isotropic noise, alike in both bodies, psi and the true poses eliminated. How large the noise
-    is, the data say. Poses that are not finite are missing samples.
+    A start in closed form, from the mean relative attitude and six linear equations, is followed by an estimate of
+    maximum likelihood: every pose has isotropic noise of equal size in both bodies, whose size is estimated from the
+    data; psi and the true poses are eliminated. Poses that are not finite count as missing.
 
-    What a motion cannot show is fixed by rules. The point of the axis that u1 and u2 name: the gauge. The sign of
-    (n, psi): of the components of n that are at least 0.45 times as large as the largest, the first is positive.
-    psi = 0: `home` turns the axis of body 2 into that of body 1 the short way, so it is the identity where the two
-    have the same components. Where they are more than 154 degrees apart, `home` begins with a half turn about the
-    axis of body 2 (x, y or z) whose component of n is the first below 0.65.
+    What a motion cannot show is fixed by rules:
+
+    - `gauge` places the hinge point, which u1 and u2 lead to, along the axis.
+    - The sign of n (and with it of psi): of the components that are at least 0.45 times as large as the largest, the
+      first is positive.
+    - psi = 0: `home` is the rotation by the least angle that turns the axis in body 2 into that in body 1; it is the
+      identity where both have the same components. Where the two are more than 154 degrees apart, `home` begins with
+      a half turn about the first axis of body 2 (x, y or z) for which the component of n is below 0.65.
 
     Args:
-        body1: R and S of body 1, shape (N,); one pose where it stands still.
-        body2: R and S of body 2 at the same instants; or R alone, of a point whose attitude is not measured. The
-            circle about the axis on which a point runs tells the hinge, with the identity for home; psi = 0 is where
-            the point lies, from the axis, in the direction of the first axis of body 1 (x, y or z) whose component of
-            n is below 0.65.
-        loss: "linear", or one that makes outliers count little: "soft_l1", "huber", "cauchy", "arctan", as SciPy's
-            `least_squares` defines them, of each sample as a whole. Then the start is that which most samples agree
-            with, and what is thirty standard deviations off counts nothing. "cauchy" and "arctan" mind outliers
-            least.
-        gauge: "closest_to_R1" (u1 is across n) or "closest_to_R2".
-        t: instants [s], datetime64 or nanoseconds; shape (N,). With them the offset between the clocks of both
-            bodies is estimated with the hinge (SciPy is needed), as far as the motion determines it.
-        weights: of the samples, such as inverse variances; shape (N,); 0 leaves one out.
-        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps, where that is known [s]: 0
+        body1: R and S of body 1, shape (N,); one pose if body 1 does not move.
+        body2: R and S of body 2 at the same instants. R alone is a point without attitude, which runs along a circle
+            about the axis: then home is the identity, and psi is 0 where the point is seen from the axis in the
+            direction of the first axis of body 1 (x, y or z) for which the component of n is below 0.65.
+        loss: "linear" (least squares), or a loss by which outliers count little: "soft_l1", "huber", "cauchy" or
+            "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole. With these the start
+            is the hinge that most samples agree with, and samples more than thirty standard deviations off do not
+            count. "cauchy" and "arctan" are least affected by outliers.
+        gauge: "closest_to_R1" (u1 is across n) or "closest_to_R2" (u2 is across the axis).
+        t: instants: seconds, datetime64 or nanoseconds; shape (N,). With these the offset between the clocks of both
+            bodies is estimated as well, as far as the motion determines it. This needs SciPy.
+        weights: of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
+        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps [s], where this is known; 0
             where both have one clock. It needs `t`.
-        encoder: reading of a sensor of the hinge angle at the instants of body 1, NaN where there is none; (N,).
-            Its zero, its scale and its noise are estimated, and psi is made of both. Not of a point.
-        noise1: standard deviations of body 1's positions [m] and attitudes [rad], numbers or of shape (N,): what is
-            known of them beforehand, such as `smooth` says. The data still say by what factor all are off.
-        noise2: those of body 2; both or none are given, and none with a body 2 that is a point.
+        encoder: readings of a sensor of the hinge angle at the instants of body 1, shape (N,); NaN where there is
+            none. Zero, scale and noise of the encoder are estimated, and psi is found from the poses and the
+            readings. It cannot be combined with a body 2 that is a point.
+        noise1: standard deviations of the positions [m] and attitudes [rad] of body 1, two numbers or arrays of shape
+            (N,), such as those of `smooth`. One factor on all of them is still estimated from the data.
+        noise2: those of body 2. Both noise1 and noise2 are given or none, and none where body 2 is a point.
 
     Returns:
-        The fit. Look at `.ok` and `.findings` before its numbers.
+        The fit. Read `.ok` and `.findings` before its numbers.
 
     Raises:
-        FitError: nothing determines a hinge: fewer than two samples, or bodies that do not turn against each other.
-        ArgumentError: an argument cannot be used; names it.
+        FitError: the samples determine no hinge: fewer than two, or bodies that do not turn against each other.
+        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -60,15 +60,15 @@ class AxisFit:
     deviations.
 
     Attributes:
-        n1: axis in body 1's axes, unit; (3,). It is `HingePair.n`.
-        n2: the same axis in body 2's axes, unit; (3,): home^T n1.
-        std: standard deviations of (n1, n2), across either axis [rad]; inf where the motion does not show it; (2,).
+        n1: axis in body 1's axes, unit vector; (3,). It is the `n` of a HingePair.
+        n2: the same axis in body 2's axes, unit vector; (3,): home^T n1.
+        std: standard deviations of n1 and n2, as angles [rad]; (2,), inf where the motion does not show the axis.
         bias1: bias of gyroscope 1, as far as the motion shows it [rad/s]; (3,).
-        bias2: that of gyroscope 2.
-        bias_std: standard deviations of both; (2, 3).
-        rms: of abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
-        ok: the motion shows one axis and determines it.
-        findings: in sentences.
+        bias2: bias of gyroscope 2.
+        bias_std: standard deviations of both biases [rad/s]; (2, 3).
+        rms: rms of the residuals abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
+        ok: whether the motion shows one axis and determines it.
+        findings: sentences on what is wrong, or not shown by the motion.
     """
 
     n1: Float64Array
@@ -90,14 +90,14 @@ class AnchorFit:
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
         u2: hinge point from sensor 2, body 2's axes [m]; (3,).
-        covariance: of (u1, u2) [m^2]; (6, 6); inf where the motion does not show the point. Which point of the axis
-            u1 and u2 name is a convention and has no variance; axes that were given are taken as exact.
+        covariance: of (u1, u2) [m^2]; (6, 6), inf where the motion does not show the point. Which point of the axis
+            u1 and u2 lead to is a convention and has no variance; given axes are taken as exact.
         bias1: bias of accelerometer 1, as far as the motion shows it [m/s^2]; (3,).
-        bias2: that of accelerometer 2.
-        bias_std: standard deviations of both; (2, 3).
-        rms: of the difference of the forces' sizes [m/s^2].
-        ok: the motion shows a point that is in both bodies, and determines it.
-        findings: in sentences.
+        bias2: bias of accelerometer 2.
+        bias_std: standard deviations of both biases [m/s^2]; (2, 3).
+        rms: rms of the residuals, the difference of the forces' sizes at the hinge point [m/s^2].
+        ok: whether the motion shows a point that is fixed in both bodies, and determines it.
+        findings: sentences on what is wrong, or not shown by the motion.
     """
 
     u1: Float64Array
@@ -115,18 +115,18 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     """Fit the hinge axis to the angular velocities that two gyroscopes record, one on either body; return an AxisFit.
 
     Args:
-        omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; in the order of time and at even
-            steps, which tells the sign of n2; shape (N, 3). NaN where there is none.
-        omega2_b2: that of body 2 in body 2's axes, at the same instants.
-        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
-            [rad/s]; 0 where they were taken off before.
+        omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where there is
+            none. Samples are in the order of time at even steps, which tells the sign of n2.
+        omega2_b2: angular velocity of body 2 in body 2's axes, at the same instants.
+        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
+            0 where the biases were subtracted before.
 
     Returns:
-        n1 and n2; the first component of n1 that is at least 0.45 times as large as the largest is positive.
+        The fit. Of the components of n1 that are at least 0.45 times as large as the largest, the first is positive.
 
     Raises:
         FitError: fewer than 8 samples, or neither body turns.
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -220,28 +220,27 @@ def fit_anchor(
     """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on
     either body; return an AnchorFit.
 
-    Angular velocities are smoothed and differentiated (`hingepair.smooth` says how); forces are taken as they are.
+    The angular velocities are smoothed and differentiated (as by `hingepair.smooth`); the forces are used as
+        recorded.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
-        f1_b1: what accelerometer 1 feels, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes [m/s^2]; (N, 3).
-        omega2_b2: that of body 2 in body 2's axes.
-        f2_b2: that of body 2 in body 2's axes.
-        n1: axis in body 1's axes, as `fit_axis` found it; then u1 is the point closest to sensor 1. Unless both axes
-            are given, that which is closest to both sensors.
+        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
+            [m/s^2]; (N, 3).
+        omega2_b2: angular velocity of body 2 in body 2's axes.
+        f2_b2: specific force that accelerometer 2 measures, in body 2's axes.
+        n1: axis in body 1's axes, as `fit_axis` found it. With both axes, u1 leads to the point of the axis closest
+            to sensor 1; without them, u1 and u2 lead to the point closest to both sensors.
         n2: axis in body 2's axes.
         gaps: the longest time without a sample that is filled [s].
-        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
-            [rad/s]; 0 where they were taken off before, as `fit_axis` found them.
-        accelerometer_bias: likewise of the accelerometers [m/s^2].
-
-    Returns:
-        u1 and u2.
+        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
+            0 where the biases, as `fit_axis` found them, were subtracted before.
+        accelerometer_bias: usual size of the biases of the accelerometers, likewise [m/s^2].
 
     Raises:
-        FitError: fewer than 8 samples together, or neither body turns.
-        ArgumentError: an argument cannot be used; names it.
+        FitError: fewer than 8 samples without a gap, or neither body turns.
+        ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}

@@ -37,15 +37,16 @@ class AngleFit:
     """What `fit_angle` returns: the hinge angle from inertial sensors, its rate, and standard deviations.
 
     Attributes:
-        psi: hinge angle, without jumps by 2 pi, the first in [-pi, pi]; `HingePair.home` is the short way from n2 to
-            n1 then, as `fit` has it; (N,) rad, NaN where a sample is missing.
-        psid: its rate less the drift, as measured; (N,) rad/s.
-        std: standard deviation of psi; (N,) rad.
-        drift: bias of psi' that the directions show, taken off [rad/s]; integrated rates alone drift by it.
-        drift_std: its standard deviation.
-        noise: standard deviation of a direction's angle in the middle of the samples [rad].
-        ok: the directions determine the angle.
-        findings: in sentences.
+        psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
+            missing. psi is 0 where the rotation by the least angle from n2 to n1 is the attitude of body 2 relative
+            to body 1, the `home` that `fit` finds.
+        psid: measured rate of psi less the drift [rad/s]; (N,).
+        std: standard deviation of psi [rad]; (N,).
+        drift: bias of the measured rate of psi [rad/s], by which integrated rates drift; subtracted from `psid`.
+        drift_std: standard deviation of the drift [rad/s].
+        noise: median standard deviation of psi as a single direction shows it [rad].
+        ok: whether the directions determine the angle.
+        findings: sentences on what is wrong, or not shown by the motion.
     """
 
     psi: Float64Array
@@ -75,27 +76,29 @@ def fit_angle(
     """Fit the hinge angle to the records of two inertial sensors, one on either body of a known hinge; return an
     AngleFit. `fit_axis` and `fit_anchor` find the hinge.
 
+    Two vectors that both bodies measure, the specific force at the hinge point and the angular velocity, show the
+    angle by their directions across the axis. The integrated difference of the angular velocities joins these
+    directions over time.
+
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
-        f1_b1: what accelerometer 1 feels, S1^T (a1 - g), in body 1's axes [m/s^2]; (N, 3).
-        omega2_b2: that of body 2 in body 2's axes.
-        f2_b2: that of body 2 in body 2's axes.
+        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g), in body 1's axes [m/s^2]; (N, 3).
+        omega2_b2: angular velocity of body 2 in body 2's axes.
+        f2_b2: specific force that accelerometer 2 measures, in body 2's axes.
         n1: axis in body 1's axes.
         n2: axis in body 2's axes.
         u1: hinge point from sensor 1, body 1's axes [m].
         u2: hinge point from sensor 2, body 2's axes [m].
-        gaps: the longest time without a sample that rates are integrated over [s].
-        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
-            [rad/s]; 0 where they were taken off before.
-        accelerometer_bias: likewise of the accelerometers [m/s^2]; its effect on psi is included in `std`.
-
-    Returns:
-        psi with its standard deviation, sample by sample.
+        gaps: the longest time without a sample over which rates are integrated [s].
+        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
+            0 where the biases were subtracted before.
+        accelerometer_bias: usual size of the biases of the accelerometers, likewise [m/s^2]; the effect on psi is
+            part of `std`.
 
     Raises:
         FitError: fewer than 8 instants at which both sensors have a value.
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}

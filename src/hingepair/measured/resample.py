@@ -35,28 +35,28 @@ def resample(
     """Interpolate a recording at other instants and return its values there, NaN in gaps. Recordings with different
     clocks so come to common instants.
 
-    Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
-    before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the
-    recording stands its sample. Nothing is extrapolated. Angles must be without jumps by 2 pi (`numpy.unwrap`);
-    quaternions belong in a BodyMotion.
+    Between samples, a cubic through the four nearest ones is evaluated (for attitudes: in rotation vectors from the
+    sample before), whose error is of order h^4 in the step h. Samples that are not finite are skipped. At an instant
+    of the recording the sample itself is returned. Nothing is extrapolated. Angles must have no jumps by 2 pi
+    (`numpy.unwrap` removes them); quaternions belong in a BodyMotion.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
-        values: numbers, time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), of which all that
-            is there is resampled.
-        to: the new instants, in the same clock and kind of number; shape (M,).
-        gaps: the longest time without a sample that is bridged [s] (at least one and a half steps are).
+        values: numbers, time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), all of whose arrays
+            are resampled.
+        to: the new instants, of the same clock and kind of number; shape (M,).
+        gaps: the longest time without a sample that is bridged [s]; at least one and a half steps are.
 
     Returns:
-        float64, shape (M, ...), or a BodyMotion of shape (M,). NaN before the first sample, after the last and in
-        gaps.
+        float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). NaN before the first sample, after the last
+        one and in gaps.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named, and so are
-            quaternions whose sign changes from sample to sample.
+        ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
+            back, and quaternions whose sign changes from sample to sample.
 
     Warns:
-        MeasurementWarning: a column jumps like a wrapped angle, or instants are probably no seconds.
+        MeasurementWarning: a column jumps like a wrapped angle, or instants are probably not in seconds.
 
     >>> import numpy as np
     >>> import hingepair as hp

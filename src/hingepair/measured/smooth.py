@@ -50,13 +50,13 @@ class SmoothedMotion(BodyMotion):
     accurate they are.
 
     Attributes:
-        noise: standard deviations by letter, of one component: R, S the noise of the samples [m, rad]; v, omega, a,
-            alpha what this noise leaves in the derivatives [m/s, rad/s, m/s^2, rad/s^2], away from ends and gaps: in
-            the last 1 / bandwidth seconds before one, derivatives are ten to twenty times worse.
-        std: standard deviations of every sample by letter, component by component, ends and gaps reckoned with;
+        noise: standard deviations of one component by letter: of R and S those of the samples [m, rad]; of v, omega,
+            a and alpha those that this noise causes [m/s, rad/s, m/s^2, rad/s^2], away from ends and gaps. Within
+            1 / bandwidth seconds of an end or a gap, derivatives are ten to twenty times worse.
+        std: standard deviations of every sample by letter, component by component, with the effect of ends and gaps;
             (N, 3) each, of S those of a rotation vector [rad].
-        bandwidth: of the smoothing, of R and S [Hz]: a cosine of this frequency is halved.
-        correlation: of the noise of neighbouring samples, of R and S, as far as it is reckoned with.
+        bandwidth: of the smoothing, by letter (R, S) [Hz]: the amplitude of a cosine of this frequency is halved.
+        correlation: of the noise of neighbouring samples, by letter (R, S), as estimated.
         t: instants since the first [s]; (N,).
     """
 
@@ -89,14 +89,15 @@ class SmoothedAngle(Frozen):
     they are. `psi, psid, psidd = smoothed` unpacks it.
 
     Attributes:
-        psi: [rad], without jumps by 2 pi where the samples had such; shape (N,).
+        psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
         psid: its time derivative [rad/s].
         psidd: its second time derivative [rad/s^2].
-        noise: standard deviations: psi the noise of the samples; psid, psidd what it leaves in the derivatives away
-            from ends and gaps, where they are ten to twenty times worse.
-        std: standard deviations of every sample of psi, psid, psidd by name, ends and gaps reckoned with; (N,) each.
-        bandwidth: of the smoothing [Hz].
-        correlation: of the noise of neighbouring samples, as far as it is reckoned with.
+        noise: standard deviations by name: of psi that of the samples; of psid and psidd what this noise causes, away
+            from ends and gaps, near which they are ten to twenty times worse.
+        std: standard deviations of every sample of psi, psid and psidd by name, with the effect of ends and gaps;
+            (N,) each.
+        bandwidth: of the smoothing [Hz]: the amplitude of a cosine of this frequency is halved.
+        correlation: of the noise of neighbouring samples, as estimated.
         t: instants since the first [s]; (N,).
     """
 
@@ -131,32 +132,35 @@ def smooth(
     """Smooth the recorded motion of a body, or a recorded angle, and differentiate it twice with respect to time.
     Return a SmoothedMotion or a SmoothedAngle.
 
-    Smoothing splines (`hingepair.measured.spline`), of attitudes on the rotation group: the bandwidth of each is what
-    the data ask for (generalised cross validation), or what is given. Noise may be white, or correlated from sample
-    to sample; what was filtered before cannot be told from motion, and is warned of. Nothing is delayed. What is
-    further than `gaps` from the samples beside it is a gap: NaN, and never differentiated across. Shorter ones are
-    filled.
+    Smoothing splines are used (`hingepair.measured.spline`); attitudes are smoothed on the rotation group. Unless a
+    bandwidth is given, generalised cross validation chooses it. The noise may be white, or correlated from sample to
+    sample; noise that was filtered before cannot be told from motion, and a warning says so. Smoothing causes no
+    delay. A time of more than `gaps` without a sample is a gap: results are NaN there, and nothing is differentiated
+    across it. Shorter ones are filled.
 
     Args:
-        t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970; (N,).
-        body: R and S at these instants (rates are not used); or angles [rad], shape (N,), which are unwrapped where
-            they lie within one turn and jump by nearly 2 pi. NaN where nothing was recorded.
-        bandwidth: frequency that is halved [Hz]; much lower ones pass, much higher ones do not.
-        gaps: the longest time without a sample that is filled [s] (at least one and a half steps are).
-        loss: "linear", or one that makes outliers count little, as in `fit`: "soft_l1", "huber", "cauchy", "arctan".
+        t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970;
+            shape (N,).
+        body: R and S of a body at these instants (its rates are not used); or angles [rad], shape (N,), which are
+            unwrapped where they lie within one turn and jump by nearly 2 pi. NaN where nothing was recorded.
+        bandwidth: frequency whose amplitude is halved [Hz]; much lower ones pass, much higher ones do not.
+        gaps: the longest time without a sample that is filled [s]; at least one and a half steps are.
+        loss: "linear" (least squares), or a loss by which outliers count little, as in `fit`: "soft_l1", "huber",
+            "cauchy" or "arctan".
 
     Returns:
-        Of a body a BodyMotion with v, omega, a, alpha, `.std` of every sample, `.noise` and `.bandwidth`; of angles a
-        SmoothedAngle, which unpacks as psi, psid, psidd and has these three too.
+        For a body a BodyMotion with v, omega, a and alpha; for angles a SmoothedAngle, which unpacks as psi, psid,
+        psidd. Both have `.std` of every sample, `.noise` and `.bandwidth`.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named. Wrapped degrees
-            are refused.
+        ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
+            back, and wrapped angles in degrees.
         MissingDependencyError: SciPy is not installed.
 
     Warns:
         MeasurementWarning: noise is more than half of a derivative; samples seem to have been filtered before; some
-            are outliers; stamps jitter; or instants are probably no seconds, angles no radians.
+            samples are outliers; the time steps scatter; or instants are probably not in seconds, angles not in
+            radians.
 
     >>> import numpy as np
     >>> import hingepair as hp
