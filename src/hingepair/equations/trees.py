@@ -569,6 +569,7 @@ def spatial_inertia_to_parent(placement: Placement, inertia: SpatialInertia) -> 
 
 
 def _sum(A: Matrix, B: Matrix) -> Matrix:
+    """Return the sum A + B of two matrices."""
     a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(A, B, strict=True))
     return a, b, c, d, e, f, g, h, i
 

@@ -12,6 +12,7 @@ from hingepair.plans.steps import HINGE_POINT_STEPS, Step, same
 
 
 def _zero_vector() -> Vector:
+    """Return the zero vector."""
     return eq.ZERO_VECTOR
 
 

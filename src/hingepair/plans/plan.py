@@ -190,6 +190,7 @@ def make_plan(
 
 @functools.lru_cache(maxsize=1024)
 def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan:
+    """Return the plan of these steps for the outputs; cached, so that equal steps give the identical plan."""
     return Plan(outputs, *needed_steps(taken, outputs), kind)
 
 

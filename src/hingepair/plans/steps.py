@@ -77,7 +77,7 @@ def _largest_component(parts: tuple[Any, ...]) -> Any:
 
 
 def _rotation_defect(S: eq.Matrix) -> Any:
-    """Return the largest element of S S^T - I; of a reflection, 2."""
+    """Return the largest element of S S^T - I in absolute value; 2 of a reflection."""
     *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
@@ -149,13 +149,13 @@ keep the hinge point of both bodies together to the last digit."""
 
 
 def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
-    """Return the rotation matrix about z (E11); turn = (sin, cos)."""
+    """Return the rotation matrix about z (E11); turn = (sin, cos) of the angle."""
     s, c = turn
     return c, -s, 0, s, c, 0, 0, 0, 1
 
 
-def upward(rate: Scalar) -> Vector:
-    """Return the vector of a rate about z."""
+def vector_along_z(rate: Scalar) -> Vector:
+    """Return the vector along z with this component, such as an angular velocity in the plane."""
     return 0, 0, rate
 
 
@@ -164,8 +164,8 @@ def in_space(u: tuple[Scalar, Scalar]) -> Vector:
     return u[0], u[1], 0
 
 
-def quarter(u: tuple[Scalar, Scalar]) -> Vector:
-    """Return e_z x u."""
+def cross_with_e_z(u: tuple[Scalar, Scalar]) -> Vector:
+    """Return e_z x u of a planar vector u, with z = 0."""
     return -u[1], u[0], 0
 
 
@@ -174,7 +174,7 @@ def in_plane(v: Vector) -> tuple[Scalar, Scalar]:
     return v[0], v[1]
 
 
-def height(v: Vector) -> Scalar:
+def z_component(v: Vector) -> Scalar:
     """Return the z component of a vector."""
     return v[2]
 
@@ -191,13 +191,13 @@ def planar_acceleration2(
     return eq.add(a1, eq.subtract(eq.point_acceleration(*rates1, r1), eq.point_acceleration(*rates2, r2)))
 
 
-def together(*parts: Any) -> tuple[Any, ...]:
+def as_tuple(*parts: Any) -> tuple[Any, ...]:
     """Return several values as one tuple."""
     return parts
 
 
-def joined(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the components of two vectors as those of one."""
+def concatenate_vectors(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the components of two vectors in one tuple."""
     return (*a, *b)
 
 
@@ -213,7 +213,7 @@ PLANAR_STEPS = (
     Step("S1", upright, ("turn1",)),
     Step("lever_fixed", in_space, ("u1",)),
     Step("lever_cos", in_space, ("u2",)),
-    Step("lever_sin", quarter, ("u2",)),
+    Step("lever_sin", cross_with_e_z, ("u2",)),
     Step("lever_moving", eq.lever_moving, ("lever_cos", "lever_sin", "hinge", "cosine")),
     Step("r1", eq.rotate, ("S1", "lever_fixed")),
     Step("r2", eq.rotate, ("S1", "lever_moving")),
@@ -223,18 +223,18 @@ PLANAR_STEPS = (
     Step("R2_in_space", eq.position2, ("R1_in_space", "d_in_space")),
     Step("R2", in_plane, ("R2_in_space",)),
     Step("phi2", operator.add, ("phi1", "psi")),
-    Step("omega1", upward, ("phi1d",)),
+    Step("omega1", vector_along_z, ("phi1d",)),
     Step("axis", lambda: (0, 0, 1), ()),
     Step("omega2_in_space", eq.angular_velocity2, ("omega1", "axis", "psid")),
-    Step("omega2", height, ("omega2_in_space",)),
+    Step("omega2", z_component, ("omega2_in_space",)),
     Step("v1_in_space", in_space, ("v1",)),
     Step("v2_in_space", planar_velocity2, ("v1_in_space", "omega1", "r1", "omega2_in_space", "r2")),
     Step("v2", in_plane, ("v2_in_space",)),
-    Step("alpha1", upward, ("phi1dd",)),
+    Step("alpha1", vector_along_z, ("phi1dd",)),
     Step("alpha2_in_space", eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
-    Step("alpha2", height, ("alpha2_in_space",)),
-    Step("spin1", together, ("omega1", "alpha1")),
-    Step("spin2", together, ("omega2_in_space", "alpha2_in_space")),
+    Step("alpha2", z_component, ("alpha2_in_space",)),
+    Step("spin1", as_tuple, ("omega1", "alpha1")),
+    Step("spin2", as_tuple, ("omega2_in_space", "alpha2_in_space")),
     Step("a1_in_space", in_space, ("a1",)),
     Step("a2_in_space", planar_acceleration2, ("a1_in_space", "spin1", "r1", "spin2", "r2")),
     Step("a2", in_plane, ("a2_in_space",)),
@@ -262,7 +262,7 @@ JACOBIAN_STEPS = (
         lambda omega1, axis, psid: eq.angular_acceleration2(eq.ZERO_VECTOR, omega1, axis, psid, 0.0),
         ("omega1", "axis", "psid"),
     ),
-    Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
+    Step("acceleration_bias", concatenate_vectors, ("a2_bias", "alpha2_bias")),
 )
 """Steps to Jacobians by the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are 0."""
 
@@ -276,8 +276,8 @@ def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
         Step("own_turn_rates", euler_sequence.column_rates, ("axes", "phid")),
         Step("coordinate_jacobian", by.jacobian, ("own_turns", "d", "r2", "axis")),
         Step("d_rate", by.difference_rate, ("omega1", "r1", "omega2", "r2")),
-        Step("both_d", together, ("d", "d_rate")),
-        Step("all_spins", together, ("omega1", "omega2", "axis")),
+        Step("both_d", as_tuple, ("d", "d_rate")),
+        Step("all_spins", as_tuple, ("omega1", "omega2", "axis")),
         Step(
             "coordinate_jacobian_rate", by.jacobian_rate, ("own_turns", "own_turn_rates", "both_d", "r2", "all_spins")
         ),
@@ -304,14 +304,17 @@ SENSITIVITY_STEPS = (
 
 
 def _twist(turn: Components) -> Any:
+    """Return the angle psi of a pair (sin, cos) times a positive factor."""
     return arc_tangent(turn[0], turn[1])
 
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
+    """Return the angle between both hinge axes [rad]."""
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 
 def _component_quotient(parts: Components) -> Any:
+    """Return the first of two components divided by the second."""
     return parts[0] / parts[1]
 
 
@@ -323,11 +326,11 @@ CONSTRAINT_STEPS = (
     # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
     Step("f1", eq.cross, ("e2_in_world", "h1")),
     Step("f2", eq.cross, ("h1", "e1_in_world")),
-    Step("f", together, ("f1", "f2")),
+    Step("f", as_tuple, ("f1", "f2")),
     Step("g1", eq.rotate, ("S2", "e1_in_2")),
     Step("g2", eq.rotate, ("S2", "e2_in_2")),
     Step("h2", eq.rotate, ("S2", "n_in_2")),
-    Step("h", together, ("h1", "h2")),
+    Step("h", as_tuple, ("h1", "h2")),
     Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
     Step("tilt", ce.tilt, ("f1", "f2", "h2")),
     Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
@@ -337,14 +340,14 @@ CONSTRAINT_STEPS = (
     Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
     Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
     Step("spin", ce.relative_rate, ("omega1", "omega2")),
-    Step("omegas", together, ("omega1", "omega2")),
+    Step("omegas", as_tuple, ("omega1", "omega2")),
     Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
     Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
     Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
     Step("psid", _component_quotient, ("psid_parts",)),
     Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
     Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
-    Step("constraint_bias", joined, ("gap_bias", "tilt_bias")),
+    Step("constraint_bias", concatenate_vectors, ("gap_bias", "tilt_bias")),
     Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
     Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
     Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),

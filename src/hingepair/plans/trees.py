@@ -159,12 +159,12 @@ class Computation:
 
     @functools.cached_property
     def qdd(self) -> list[Scalar]:
-        """The change of the rate of every joint."""
+        """The second derivative q'' of every joint."""
         return self._of_joints("qdd")
 
     @functools.cached_property
     def still(self) -> list[Scalar]:
-        """No rate, of every joint."""
+        """Zero rates of all joints."""
         return [0.0] * len(self.links)
 
     def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
@@ -194,21 +194,22 @@ class Computation:
 
     @functools.cached_property
     def rates(self) -> list[eq.Rates]:
-        """The velocity of every body, world axes."""
+        """The (v, omega) of every body, world axes."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
         return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
     @functools.cached_property
     def changes(self) -> list[eq.Rates]:
-        """The acceleration of every body, world axes."""
+        """The (a, alpha) of every body, world axes."""
         return self._changes(self.qdd, self._base_change)
 
     @property
     def _base_change(self) -> eq.Rates:
-        """(a1, alpha1); a1 is none where no output needs it."""
+        """The accelerations (a1, alpha1) of the base; a1 is 0 where no output needs it."""
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
+        """Return (a, alpha) of every body, world axes, for these q'' and accelerations of the base."""
         found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
         return self._name_components(found, ("a", "alpha"))
 
@@ -219,13 +220,13 @@ class Computation:
 
     @functools.cached_property
     def frame_rates(self) -> list[eq.Rates]:
-        """The velocity of every frame."""
+        """The (v, omega) of every frame."""
         bodies = (self.rates[body] for body, _ in self.frames)
         return [eq.frame_velocity(pose, body) for pose, body in zip(self.frame_poses, bodies, strict=True)]
 
     @functools.cached_property
     def frame_changes(self) -> list[eq.Rates]:
-        """The acceleration of every frame."""
+        """The (a, alpha) of every frame."""
         return self._frame_accelerations(self.changes)
 
     def _frame_accelerations(self, link_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
@@ -268,7 +269,7 @@ class Computation:
 
     @functools.cached_property
     def base_axes(self) -> Matrix:
-        """World to base axes."""
+        """The rotation from world to base axes."""
         return transpose(self.values["S1"])
 
     def _transmitted_wrenches(
@@ -318,7 +319,7 @@ class Computation:
         )
 
     def efforts(self) -> tuple[Scalar, ...]:
-        """Return tau of every coordinate."""
+        """Return the effort tau of every coordinate."""
         return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
@@ -465,7 +466,7 @@ class Computation:
 
     @functools.cached_property
     def centre_from_base(self) -> Vector:
-        """The centre of mass from the base's reference point, world axes."""
+        """The vector from the base's reference point to the centre of mass, world axes."""
         return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
 
     def centre_of_mass(self) -> Vector:
@@ -502,7 +503,7 @@ class Computation:
 
     @functools.cached_property
     def momenta(self) -> list[eq.Wrench]:
-        """P and L of every body about its reference point, own axes."""
+        """The momenta P and L of every body about its reference point, own axes."""
         return eq.body_momenta(self.base, self.links, self.body_rates)
 
     def kinetic(self) -> Scalar:
@@ -516,7 +517,7 @@ class Computation:
 
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
-        """P, and L about the base's reference point, world axes."""
+        """The momentum P of all bodies, and L about the base's reference point, world axes."""
         P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
@@ -539,7 +540,7 @@ def _reciprocal(x: Scalar) -> Scalar:
 
 
 def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
-    """Return a row of M up to its diagonal, with NaN there where it is known to be 0."""
+    """Return a row of M up to its diagonal entry, which becomes NaN if it is known to be 0."""
     return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
@@ -552,6 +553,7 @@ def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
 
 
 def _chain_vectors(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
+    """Return the components of vectors, one after the other in one tuple."""
     return tuple(part for vector in vectors for part in vector)
 
 
@@ -561,18 +563,22 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 
 
 def _frames_shape(*own: int) -> Callable[[Form, Request], Tail]:
+    """Return a function that returns the shape of an output: a part of this shape for each frame."""
     return lambda _, request: (len(request.frames), *own)
 
 
 def _fixed(*own: int) -> Callable[[Form, Request], Tail]:
+    """Return a function that returns this shape for any form and request."""
     return lambda *_: own
 
 
 def _dof(form: Form, _: Request) -> Tail:
+    """Return the shape of a vector by coordinate."""
     return (form.dof,)
 
 
 def _velocities(*rows: int) -> Callable[[Form, Request], Tail]:
+    """Return a function that returns these lengths and the number of velocities as a shape."""
     return lambda form, request: (*rows, velocity_count(form, request))
 
 
