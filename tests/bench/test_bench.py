@@ -194,8 +194,8 @@ def test_each_offset_has_a_row_beside_the_floor():
     rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
     assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OFFSET_BYTES_BY_ROW_NAME] * 2
     assert list(dict.fromkeys(row.case for row in rows)) == [
-        f"{direct.OFFSETS_CASE_PREFIX}: pose, N = 9",
-        f"{direct.OFFSETS_CASE_PREFIX}: velocity, N = 9",
+        f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: pose, N = 9",
+        f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: velocity, N = 9",
     ]
     assert all(row.count == 9 and row.seconds > 0 for row in rows)
     assert direct.measure_offsets(1, ["pose"], 1) == []
@@ -211,7 +211,7 @@ def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
         *direct.OFFSET_BYTES_BY_ROW_NAME,
         "pose, N = 1",
         "pose, N = 2",
-        direct.CONSTRUCTION_CASE_NAME,
+        direct.PAIR_CONSTRUCTION_CASE_NAME,
     ):
         assert words in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -255,9 +255,11 @@ def test_no_cell_of_the_report_is_cut(capsys):
     rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKEND_NAMES, "hingepair")]
     rows += [
         _row(case, peers.HINGEPAIR_NAME, 1.0)
-        for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.CONSTRUCTION_CASE_NAME)
+        for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.PAIR_CONSTRUCTION_CASE_NAME)
     ]
-    cases = [direct.case_name(f"{direct.OFFSETS_CASE_PREFIX}: {level}", 1_000_000) for level in OUTPUTS_BY_LEVEL]
+    cases = [
+        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: {level}", 1_000_000) for level in OUTPUTS_BY_LEVEL
+    ]
     rows += [_row(case, method, 1.0) for case in cases for method in direct.OFFSET_BYTES_BY_ROW_NAME]
     command._run_benchmark(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out

@@ -54,12 +54,12 @@ def test_the_command_reports_a_simulation(monkeypatch):
     done = CliRunner().invoke(app, ["bench", "dynamics", "--samples", "10", "--repeats", "1", "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
-    assert {bench.TUMBLING_CASE_NAME, bench.case_name(bench.INVERSE_WORKLOAD, 1)} < {
+    assert {bench.TUMBLING_SIMULATION_CASE_NAME, bench.case_name(bench.INVERSE_WORKLOAD, 1)} < {
         row["case"] for row in report["rows"]
     }
-    errors = [row["error"] for row in report["rows"] if row["case"] == bench.TUMBLING_CASE_NAME]
+    errors = [row["error"] for row in report["rows"] if row["case"] == bench.TUMBLING_SIMULATION_CASE_NAME]
     assert len(errors) == 2
     assert max(errors) <= bench.MAX_SIMULATION_ERROR
-    stiff = [row for row in report["rows"] if row["case"] == bench.STIFF_CASE_NAME]
+    stiff = [row for row in report["rows"] if row["case"] == bench.STIFF_SIMULATION_CASE_NAME]
     assert [row["method"] for row in stiff] == [bench.HINGEPAIR_NAME, bench.RADAU_NAME, bench.LSODA_NAME]
     assert max(row["error"] for row in stiff) <= bench.MAX_SIMULATION_ERROR

@@ -40,9 +40,9 @@ from hingepair.pair.hinge_pair import HingePair
 
 HARD_STATE_ERROR_COLUMN = "on hard states"  # heading of a column of the table
 CONTROL_CYCLE_CASE_NAME = "one state: FK, Jacobian, bias from a quaternion"  # name of a case
-CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
+PAIR_CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
 FRESH_PROCESS_CASE_PREFIX = "a fresh process"  # beginning of the names of cases
-OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
+OUTPUT_OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
 OFFSET_BYTES_BY_ROW_NAME = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
 """Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
@@ -59,16 +59,16 @@ _TABLE_NOTE = (
 
 
 def measure_kinematics(
-    sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_starts: bool
+    sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_fresh_processes: bool
 ) -> Report:
-    """Measure forward kinematics by all methods at all sizes and levels; return the report with its picture.
+    """Measure forward kinematics at all sizes and levels, in fresh processes too if asked; return the report.
 
     Args:
         sizes: batch sizes.
         levels: names of levels: pose, velocity, acceleration.
         repeats: of each measurement.
         with_cpp: whether the C++ loop of Pinocchio is compiled and measured.
-        with_starts: whether imports and first calls are measured too, in fresh processes.
+        with_fresh_processes: whether imports and first calls are measured too, in fresh processes.
     """
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (up to a minute)")
@@ -80,7 +80,7 @@ def measure_kinematics(
         + measure_offsets(max(sizes), levels, repeats)
         + measure_single_states(repeats)
     )
-    rows += measure_fresh_processes(repeats) if with_starts else []
+    rows += measure_fresh_processes(repeats) if with_fresh_processes else []
     return Report(rows, "error", [*left_out, _TABLE_NOTE], [make_error_panels(rows)])
 
 
@@ -126,7 +126,9 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
         for name, shift in OFFSET_BYTES_BY_ROW_NAME.items():
             buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
             jobs[name] = make_job(task._replace(buffers=buffers))
-        rows += make_rows(case_name(f"{OFFSETS_CASE_PREFIX}: {level}", size), time_interleaved(jobs, repeats), size)
+        rows += make_rows(
+            case_name(f"{OUTPUT_OFFSETS_CASE_PREFIX}: {level}", size), time_interleaved(jobs, repeats), size
+        )
     return rows
 
 
@@ -194,7 +196,9 @@ def measure_single_states(repeats: int) -> list[Row]:
     }
     construction_times = time_interleaved({HINGEPAIR_NAME: lambda: HingePair(**plain)}, repeats)
     cycle_times = time_interleaved(jobs, repeats)
-    return make_rows(CONTROL_CYCLE_CASE_NAME, cycle_times) + make_rows(CONSTRUCTION_CASE_NAME, construction_times)
+    return make_rows(CONTROL_CYCLE_CASE_NAME, cycle_times) + make_rows(
+        PAIR_CONSTRUCTION_CASE_NAME, construction_times
+    )
 
 
 # Code of a process that runs {before}, and prints the time from {timed} to its end [s].
@@ -205,7 +209,7 @@ atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr
 {timed}
 """
 # Code that makes a pair and the arguments of calls of {sizes} samples.
-_PAIR_AND_STATES_TEMPLATE = """
+_PAIR_AND_STATES_CODE_TEMPLATE = """
 import numpy as np
 import hingepair as hp
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
@@ -261,7 +265,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
                 backend: f"for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
                 for backend in BACKEND_NAMES
             }
-            before = _PAIR_AND_STATES_TEMPLATE.format(sizes=sizes)
+            before = _PAIR_AND_STATES_CODE_TEMPLATE.format(sizes=sizes)
             codes[f"{FRESH_PROCESS_CASE_PREFIX}: {name}"] = {
                 b: _TIMED_CODE_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
             }

@@ -217,7 +217,7 @@ DYNAMICS_METHODS = (
 )
 """All methods of `hingepair bench dynamics`; the first one computes one state only."""
 
-TUMBLING_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+TUMBLING_SIMULATION_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
 
 
 def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
@@ -236,10 +236,14 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
         HINGEPAIR_NAME: hingepair_job,
         DOP853_NAME: lambda tol: scipy_simulation_job(pair, tol),
     }
-    return _measure_at_max_error(TUMBLING_CASE_NAME, makers, lambda result: simulation_error(result, truth), repeats)
+    return _measure_at_max_error(
+        TUMBLING_SIMULATION_CASE_NAME, makers, lambda result: simulation_error(result, truth), repeats
+    )
 
 
-STIFF_CASE_NAME = f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+STIFF_SIMULATION_CASE_NAME = (
+    f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+)
 _STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0.01 rad/s; the time constant is 6 us
 
 
@@ -272,12 +276,14 @@ def measure_stiff_simulation(repeats: int) -> list[Row]:
         RADAU_NAME: functools.partial(scipy_job, "Radau"),
         LSODA_NAME: functools.partial(scipy_job, "LSODA"),
     }
-    return _measure_at_max_error(STIFF_CASE_NAME, makers, lambda psi: float(np.abs(psi - truth).max()), repeats)
+    return _measure_at_max_error(
+        STIFF_SIMULATION_CASE_NAME, makers, lambda psi: float(np.abs(psi - truth).max()), repeats
+    )
 
 
 def _measure_at_max_error(
     case: str,
-    makers: dict[str, Callable[[float], Job]],
+    job_maker_by_method: dict[str, Callable[[float], Job]],
     error_of_result: Callable[[Any], float],
     repeats: int,
 ) -> list[Row]:
@@ -285,13 +291,13 @@ def _measure_at_max_error(
 
     Args:
         case: name of the case.
-        makers: by the method's name, the function that makes its job of a tolerance.
+        job_maker_by_method: by the method's name, the function that makes its job of a tolerance.
         error_of_result: returns the error of a job's result [rad].
         repeats: of each measurement.
     """
     jobs, errors = {}, {}
     print_progress(f"{case}: tolerances, {repeats} repeats")
-    for name, make in makers.items():
+    for name, make in job_maker_by_method.items():
         for tol in np.logspace(-5, -13, 17):
             jobs[name] = make(float(tol))
             errors[name] = error_of_result(jobs[name]())

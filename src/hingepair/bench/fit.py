@@ -66,7 +66,7 @@ _AXIS_SIGN_NOTE = (
 # how to install the package qmt
 _QMT_INSTALL_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
 # The hinge of every recording: n, u1, u2 and the rotation vector of home [rad].
-_TRUE_N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
+_TRUE_HINGE_AXIS = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 _TRUE_U1, _TRUE_U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
 _TRUE_HOME_ROTVEC = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
 
@@ -181,7 +181,7 @@ def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
 
     psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
     first = Rotation.from_rotvec(np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
-    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_N) * Rotation.from_rotvec(_TRUE_HOME_ROTVEC)
+    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_HINGE_AXIS) * Rotation.from_rotvec(_TRUE_HOME_ROTVEC)
     R1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
     return (R1, first), (R1 + first.apply(_TRUE_U1) - second.apply(_TRUE_U2), second)
 
@@ -209,7 +209,7 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
 
 
 def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
-    """Fit the axis by `hingepair.fit_axis`, which is told how large biases usually are."""
+    """Return n1, n2 by `hingepair.fit_axis`, which takes the standard deviation of biases."""
     axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
     return axis_fit.n1, axis_fit.n2
 
@@ -225,7 +225,7 @@ def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return n1 and n2, the hinge axis in the axes of body 1 and body 2, as qmt estimates it; shape (3,) each."""
+    """Return n1, n2, the hinge axis in each body's axes, as qmt estimates it with given settings; shape (3,) each."""
     import qmt
 
     omega1, f1, omega2, f2 = recording
@@ -272,13 +272,13 @@ def relative_poses(poses: RecordedPoses) -> tuple[Array, Array]:
 
 
 def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Fit the hinge by `hingepair.fit`."""
+    """Return the hinge that `hingepair.fit` finds."""
     pair = fit_pair(BodyMotion(R=poses.R1, S=poses.S1), BodyMotion(R=poses.R2, S=poses.S2), loss=loss).pair
     return FittedHinge(pair.n, pair.home.T @ pair.n, pair.u1, pair.u2)
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Fit the hinge by SciPy to E1 and S1 n = S2 (home^T n), from a start that is about 0.2 off."""
+    """Return the hinge that SciPy fits to E1 and S1 n = S2 (home^T n), from a start that is about 0.2 off."""
     from scipy.optimize import least_squares
 
     Q, p = relative_poses(poses)
@@ -296,7 +296,7 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Fit the hinge by SciPy to E1 and the elements of E5, S2 = S1 Sh C; psi of every sample is an unknown."""
+    """Return the hinge that SciPy fits to E1 and E5 (S2 = S1 Sh C), with psi of every sample as an unknown."""
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
     from scipy.spatial.transform import Rotation
@@ -309,13 +309,15 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)
-        return np.append(rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME_ROTVEC @ _TRUE_N))
+        return np.append(rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME_ROTVEC @ _TRUE_HINGE_AXIS))
 
     sparsity = lil_matrix((12 * count + 3, 12 + count), dtype=int)
     sparsity[:, :12] = 1
     for i in range(count):
         sparsity[12 * i : 12 * i + 9, 12 + i] = 1
-    start = np.concatenate((_TRUE_N, _TRUE_HOME_ROTVEC, _TRUE_U1 - (_TRUE_U1 @ _TRUE_N) * _TRUE_N, _TRUE_U2))
+    start = np.concatenate(
+        (_TRUE_HINGE_AXIS, _TRUE_HOME_ROTVEC, _TRUE_U1 - (_TRUE_U1 @ _TRUE_HINGE_AXIS) * _TRUE_HINGE_AXIS, _TRUE_U2)
+    )
     start += 0.2 * np.random.default_rng(0).standard_normal(12)
     psi = Rotation.from_matrix(Q).as_rotvec() @ start[:3]
     x: Any = least_squares(residuals, np.concatenate((start, psi)), jac_sparsity=sparsity, loss=loss).x
@@ -327,9 +329,9 @@ def true_hinge() -> FittedHinge:
     """Return the hinge that all recordings are made with; its point is the one closest to R1."""
     from scipy.spatial.transform import Rotation
 
-    n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_N)
-    along = _TRUE_U1 @ _TRUE_N
-    return FittedHinge(_TRUE_N, n_body2, _TRUE_U1 - along * _TRUE_N, _TRUE_U2 - along * n_body2)
+    n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_HINGE_AXIS)
+    along = _TRUE_U1 @ _TRUE_HINGE_AXIS
+    return FittedHinge(_TRUE_HINGE_AXIS, n_body2, _TRUE_U1 - along * _TRUE_HINGE_AXIS, _TRUE_U2 - along * n_body2)
 
 
 def hinge_error(fitted: FittedHinge) -> float:

@@ -23,8 +23,8 @@ from hingepair.pair.hinge_pair import HingePair
 Array = NDArray[np.float64]
 
 ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
-STEP_COLUMN: Final = "h [s]"  # heading of a column
-ORDER_COLUMN: Final = "order"  # heading of a column
+STEP_SIZE_COLUMN: Final = "h [s]"  # heading of a column
+CONVERGENCE_ORDER_COLUMN: Final = "order"  # heading of a column
 LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
 STOP_TIME: Final = 10.0  # end of the motion [s]
 NUM_COMPARED_INSTANTS: Final = (
@@ -95,7 +95,7 @@ ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("
 
 
 def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
-    """Return by label (job, step [s]) of each method; a job computes quaternions (w, x, y, z) of a motion.
+    """Return by label (job, step [s] or None); a job computes quaternions (w, x, y, z) of a motion by a method.
 
     Methods of hingepair with each number of steps come first. SciPy's solvers with each tolerance follow; their steps
     vary, for which None stands.
@@ -132,9 +132,9 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
         except GimbalLockError:
             continue
         method = _method_of_label(label)
-        jobs[label], more[label] = job, {STEP_COLUMN: step, ORDER_COLUMN: None}
+        jobs[label], more[label] = job, {STEP_SIZE_COLUMN: step, CONVERGENCE_ORDER_COLUMN: None}
         if step is not None:
-            more[label][ORDER_COLUMN] = _observed_order(before.get(method), (step, error))
+            more[label][CONVERGENCE_ORDER_COLUMN] = _observed_order(before.get(method), (step, error))
             before[method] = step, error
     print_progress(f"{motion.name}: {len(jobs)} runs, {repeats} repeats")
     return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, more)
@@ -260,7 +260,7 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
                 f"{motion.name}: step",
                 "step h [s]",
                 ERROR_LABEL,
-                _error_curves(rows, motion.name, STEP_COLUMN),
+                _error_curves(rows, motion.name, STEP_SIZE_COLUMN),
                 x_descending=True,
             ),
             Panel(f"{motion.name}: time", "run time [ms]", "", _error_curves(rows, motion.name, None)),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 bench_app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
 
-_NOTE_WIDTH: Final = 100  # longest line of the notes below the table [characters]
+_MAX_NOTE_LINE_WIDTH: Final = 100  # longest line of the notes below the table [characters]
 
 BenchJsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON, which includes facts about the machine, instead of tables.")
@@ -39,7 +39,7 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Run a benchmark and print its table and notes, or JSON; draw its picture if `plot` is a path.
+    """Call `measure`, and print its report's table and notes, or JSON; draw the picture if `plot` is a path.
 
     The file of the picture is opened first, so that a file that cannot be written is refused before measuring.
     """
@@ -59,7 +59,7 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
     for line in report.table(terminal_width(screen)):
         screen.print(line)
     for sentence in (*report.notes, machine):
-        for line in textwrap.wrap(sentence, _NOTE_WIDTH):
+        for line in textwrap.wrap(sentence, _MAX_NOTE_LINE_WIDTH):
             screen.print(line)
 
 
@@ -95,7 +95,7 @@ def bench_direct(
     ] = "pose,velocity,acceleration",
     repeats: RepeatsOption = 7,
     cpp: CppOption = False,
-    cold: Annotated[
+    with_fresh_processes: Annotated[
         bool, typer.Option("--cold/--no-cold", help="Measure imports and first calls too, in fresh processes.")
     ] = True,
     show_json: BenchJsonOption = False,
@@ -112,15 +112,18 @@ def bench_direct(
     counts, chosen = _parse_sizes(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(OUTPUTS_BY_LEVEL))
-    _run_benchmark(lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, cold), show_json, plot)
+    _run_benchmark(
+        lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, with_fresh_processes), show_json, plot
+    )
 
 
 @bench_app.command("integrate")
 @with_option_names
 def bench_integrate(
     repeats: RepeatsOption = 5,
-    steps: Annotated[
-        int, typer.Option(min=0, max=10**8, help="Number of steps of an additional long run; 0: no long run.")
+    long_run_steps: Annotated[
+        int,
+        typer.Option("--steps", min=0, max=10**8, help="Number of steps of an additional long run; 0: no long run."),
     ] = 1_000_000,
     show_json: BenchJsonOption = False,
     plot: PlotOption = None,
@@ -131,7 +134,7 @@ def bench_integrate(
     """
     from hingepair.bench import integrate as bench
 
-    _run_benchmark(lambda: bench.measure_integration(repeats, steps), show_json, plot)
+    _run_benchmark(lambda: bench.measure_integration(repeats, long_run_steps), show_json, plot)
 
 
 @bench_app.command("fit")
@@ -211,10 +214,13 @@ def bench_robots(
 @with_option_names
 def bench_scale(
     samples: Annotated[int, typer.Option(min=1000, max=10**8, help="Number of samples of the calls.")] = 10_000_000,
-    long: Annotated[
+    reduction_samples: Annotated[
         int,
         typer.Option(
-            min=0, max=10**10, help="Number of samples of a reduction whose memory is measured; 0: no reduction."
+            "--long",
+            min=0,
+            max=10**10,
+            help="Number of samples of a reduction whose memory is measured; 0: no reduction.",
         ),
     ] = 100_000_000,
     workers: Annotated[int, typer.Option(min=1, max=1024, help="Number of threads that are compared with one.")] = 2,
@@ -228,4 +234,4 @@ def bench_scale(
     """
     from hingepair.bench import scale as bench
 
-    _run_benchmark(lambda: bench.measure_scaling(samples, long, workers, repeats), show_json)
+    _run_benchmark(lambda: bench.measure_scaling(samples, reduction_samples, workers, repeats), show_json)

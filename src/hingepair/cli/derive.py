@@ -86,7 +86,7 @@ def derive_command(
     ] = None,
     out: TextFileOption = None,
 ) -> None:
-    """Derive the motion in closed form.
+    """Derive closed formulas of a motion, and print or write them.
 
     The outputs are omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t) by default. A scene without a motion
     or with a simulated one, and a hinge of a robot, give the formulas of an arbitrary motion. A whole robot gives R,
@@ -116,7 +116,7 @@ def derive_command(
 
 def _derive_pair(
     scene_or_pair: Any,
-    file: str | None,
+    scene_file: str | None,
     symbols: Sequence[str],
     outputs: Sequence[str] | None,
     output_format: str,
@@ -126,7 +126,7 @@ def _derive_pair(
 
     Args:
         scene_or_pair: the scene or the pair.
-        file: scene file of a pair without a motion; None of another pair.
+        scene_file: file of a pair without a motion; None of another pair.
         symbols: names of constants that stay symbols.
         outputs: names of outputs; None for those of the scene, or the default.
         output_format: text, latex, python or json.
@@ -139,7 +139,11 @@ def _derive_pair(
     if isinstance(scene_or_pair, Scene) and scene_or_pair.motion.simulated:
         scene_or_pair = scene_or_pair.pair
     is_scene = isinstance(scene_or_pair, Scene)
-    forms = closed_forms(scene_or_pair, symbols) if is_scene or file is None else derive_any_motion(file, symbols)
+    forms = (
+        closed_forms(scene_or_pair, symbols)
+        if is_scene or scene_file is None
+        else derive_any_motion(scene_file, symbols)
+    )
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
     chosen = tuple(name for name in scene_outputs or () if name not in ADDITIONAL_SCENE_OUTPUT_NAMES)
     default_names = (

@@ -57,7 +57,7 @@ def run_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the motion of body 2, or of the frames of a mechanism.
+    """Compute and print the motion of body 2 or of a mechanism.
 
     The table shows each component at three instants and its range; --out writes all instants. A .csv or .parquet file
     is written piece by piece, so that a motion of any length needs little memory.
@@ -115,7 +115,7 @@ def check_command(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Compare a scene, or a whole robot, with Pinocchio.
+    """Compare a scene or a robot with Pinocchio, and print a report.
 
     For the scene of a pair, poses, velocities and accelerations of body 2 are computed by hingepair and by Pinocchio,
     at 10,001 evenly spread instants at most. If [dynamics] simulates the motion, its loads are compared with the
@@ -164,7 +164,7 @@ def forces_command(
     out: ResultsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the forces that the motion of a scene requires.
+    """Compute and print the forces that a motion requires.
 
     The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if the table [dynamics]
     of the scene simulates the motion, it is split into motor, spring, damper, friction and stop. bearing_torque is

@@ -36,7 +36,7 @@ def sweep_command(
     workers: Annotated[int, typer.Option(help="Threads of this process; -1: one for each core.")] = -1,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute all variants of a sweep.
+    """Compute all variants of a sweep, and write the results.
 
     A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; the page "Scene
     files" of the documentation describes the format. A sweep that was interrupted is continued by the same command,

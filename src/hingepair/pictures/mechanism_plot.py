@@ -33,7 +33,7 @@ _PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")  # the columns of panels, by
 _TITLE_BY_QUANTITY: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of the paths of frames, which repeat.
 _PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
-_MAX_LIMIT_DISTANCE_RATIO: Final = 0.6
+_MAX_DRAWN_LIMIT_DISTANCE_RATIO: Final = 0.6
 """Largest distance of a limit from a curve at which it is drawn, over the curve's span; farther ones are written."""
 _PANEL_SIZE_INCHES: Final = (3.5, 1.5)  # width and height of a panel
 _PATHS_PANEL_WIDTH_INCHES: Final = 5.0  # width of the panel of paths
@@ -172,7 +172,7 @@ def _draw_limits(
     if not known or not finite.size:
         return
     least, most = float(finite.min()), float(finite.max())
-    reach = _MAX_LIMIT_DISTANCE_RATIO * max(most - least, 1e-3 * max(abs(least), abs(most)))
+    reach = _MAX_DRAWN_LIMIT_DISTANCE_RATIO * max(most - least, 1e-3 * max(abs(least), abs(most)))
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:

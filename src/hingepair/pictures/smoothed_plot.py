@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BAND_HALF_WIDTH_STDS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
-_SMOOTHED_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
-_SMOOTHED_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
+_SMOOTHED_MOTION_OUTPUT_NAMES: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
+_SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
@@ -40,7 +40,7 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
         ArgumentError: no such output.
         MissingDependencyError: matplotlib is not installed.
     """
-    known = _SMOOTHED_ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _SMOOTHED_MOTION_OUTPUTS
+    known = _SMOOTHED_ANGLE_OUTPUT_NAMES if isinstance(source, SmoothedAngle) else _SMOOTHED_MOTION_OUTPUT_NAMES
     names = known if outputs is None else tuple(outputs)
     for name in names:
         if name not in known:
