@@ -318,7 +318,10 @@ class Arithmetic:
         f.do(f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANES * self.number_bytes}")
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
-        """Return the byte offsets in the frame of the components of a wide output, for the shared function `rows`."""
+        """Return the frame's byte offsets of a wide output's components; ~offset first in a tile of one constant.
+
+        The shared function `rows` takes them.
+        """
         offsets: list[int] = []
         for c in range(0, len(group.values), LANES):
             first = min(c, len(group.values) - LANES)

@@ -150,13 +150,13 @@ class _KernelBuilder:
         return stop
 
     def write_block(
-        self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], i: str, rest: str
+        self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], inner_index: str, samples_left: str
     ) -> None:
-        """Append the computation of the eight inner samples from index i on, of which `rest` are left."""
+        """Append the computation of eight inner samples from inner_index on, of which samples_left exist."""
         for writer in writers:
-            writer.begin_samples(i, rest)
+            writer.begin_samples(inner_index, samples_left)
         for reader in readers:
-            reader.read(i, rest)
+            reader.read(inner_index, samples_left)
         self.call_steps(self.arithmetic.varying_steps)
         for writer in writers:
             writer.write_samples()
@@ -232,52 +232,52 @@ class _InputReader:
         if self.in_registers:
             self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANES))
 
-    def store_lane_offsets(self, rest: str) -> None:
-        """Append the store of the byte offsets of the lanes' samples, of which `rest` are left."""
+    def store_lane_offsets(self, samples_left: str) -> None:
+        """Append the store of the byte offsets of the lanes' samples, of which samples_left exist."""
         to = self.f.pointer_at("%places", self.word_offset + 8)
-        self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {rest}")
+        self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
 
-    def read(self, i: str, rest: str) -> None:
-        """Append the loads of eight inner samples from the index i on, of which `rest` are left."""
+    def read(self, inner_index: str, samples_left: str) -> None:
+        """Append loads and prefetches of eight inner samples, of which samples_left exist; nothing if uniform."""
         f = self.f
         if not self.group.varies:
             return
-        row = f.pointer_at(self.base, f.multiply(i, self.inner))
+        row = f.pointer_at(self.base, f.multiply(inner_index, self.inner))
         if not self.in_registers:
-            self.gather_components(row, rest)
+            self.gather_components(row, samples_left)
             return
         f.do(f"store ptr {row}, ptr {f.pointer_at('%places', self.word_offset)}, align 8")
         if self.scan:
             return
         for distance in self.prefetched:
             f.do(f"call void @llvm.prefetch.p0(ptr {f.pointer_at(row, distance)}, i32 0, i32 2, i32 1)")
-        if not rest.isdigit():
-            with f.when(f.put(f"icmp slt i64 {rest}, {LANES}")):
-                self.store_lane_offsets(rest)
+        if not samples_left.isdigit():
+            with f.when(f.put(f"icmp slt i64 {samples_left}, {LANES}")):
+                self.store_lane_offsets(samples_left)
 
-    def read_uniform(self, chains: str) -> None:
-        """Append the loads of the components that inner samples share, as numbers or as vectors."""
+    def read_uniform(self, chains_left: str) -> None:
+        """Append the loads of the components that are the same for all inner samples, as numbers or vectors."""
         f = self.f
         if self.shared:
             to = self.kernel.arithmetic.slot_address(f, self.shared_slot)
             which = f"ptr {self.kernel.add_table(self.shared)}, i64 {len(self.shared)}"
             self.kernel.call_shared("numbers", f"ptr {to}", which, f"ptr {self.base}, i64 {self.step}")
         if self.components:
-            self.gather_components(self.base, chains)
+            self.gather_components(self.base, chains_left)
 
-    def gather_components(self, row: str, rest: str) -> None:
-        """Append the loads of the needed components of eight samples into the frame."""
+    def gather_components(self, row_address: str, samples_left: str) -> None:
+        """Append the loads of the needed components of eight samples, from an address on, into the frame."""
         f = self.f
         to = self.kernel.arithmetic.slot_address(f, self.slot)
         which = f"ptr {self.components_table}, i64 {len(self.components)}"
-        source = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {rest}"
+        source = f"ptr {row_address}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
         if len(self.components) < self.count or self.count < LANES or not self.group.varies:
             self.kernel.call_shared("gather", f"ptr {to}", which, source)
             return
         dense = f.put(f"icmp eq i64 {self.step}, {self.kernel.number_bytes}")
-        full = f.put(f"icmp sge i64 {rest}, {LANES}")
+        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
         with f.when_else(f.put(f"and i1 {dense}, {full}")) as otherwise:
-            self.kernel.call_shared("columns", f"ptr {to}, i64 {self.count}, ptr {row}, i64 {self.stride}")
+            self.kernel.call_shared("columns", f"ptr {to}, i64 {self.count}, ptr {row_address}, i64 {self.stride}")
             otherwise()
             self.kernel.call_shared("gather", f"ptr {to}", which, source)
 
@@ -326,34 +326,34 @@ class _OutputWriter:
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
 
-    def row(self, i: str) -> str:
+    def row(self, inner_index: str) -> str:
         """Append the computation of the address of an inner sample, and return its name."""
-        return self.f.pointer_at(self.base, self.f.multiply(i, self.inner))
+        return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, to: str) -> None:
         """Append the store of the address to which the rows of a block are written."""
         self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
-    def begin_samples(self, i: str, rest: str) -> None:
+    def begin_samples(self, inner_index: str, samples_left: str) -> None:
         """Append the choice of where the rows of a block are stored: in the output, or in the stage."""
         f = self.f
-        self.i, self.to, self.rest = i, self.row(i), rest
-        full = f.put(f"icmp sge i64 {rest}, {LANES}")
+        self.i, self.to, self.rest = inner_index, self.row(inner_index), samples_left
+        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
         self.direct = f.put(f"and i1 {self.dense}, {full}")
         if self.streamed != "false":
             self.direct = f.put(f"and i1 {self.direct}, {f.put(f'xor i1 {self.streamed}, true')}")
         self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
-    def flush(self, i: str, samples: str, last: str) -> None:
-        """Append the streaming of the samples in the stage, from the i-th sample on."""
+    def flush(self, inner_index: str, sample_count: str, is_last: str) -> None:
+        """Append the streaming of samples from the stage to the output, the first of them at inner_index."""
         f = self.f
-        at = f.put(f"add i64 {self.start}, {f.multiply(i, self.row_bytes)}")
-        block = f"ptr {self.stage}, i64 {at}, i64 {f.multiply(samples, self.row_bytes)}"
-        self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {last}")
+        at = f.put(f"add i64 {self.start}, {f.multiply(inner_index, self.row_bytes)}")
+        block = f"ptr {self.stage}, i64 {at}, i64 {f.multiply(sample_count, self.row_bytes)}"
+        self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {is_last}")
 
-    def write_rows(self, to: str, filled: str) -> None:
-        """Append the stores of a block's rows from the frame; `filled` rows hold their constants already."""
-        target = f"ptr {to}, i64 {self.row_bytes}, i1 {filled}"
+    def write_rows(self, target_address: str, is_filled: str) -> None:
+        """Append the stores of a block's rows from the frame; rows that are filled hold their constants already."""
+        target = f"ptr {target_address}, i64 {self.row_bytes}, i1 {is_filled}"
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
