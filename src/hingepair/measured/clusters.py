@@ -66,8 +66,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     >>> import hingepair as hp
     >>> places = np.array([(0.1, 0, 0), (-0.1, 0.05, 0), (0, -0.05, 0), (0, 0, 0.1)])
     >>> turn = hp.rodrigues((0, 0, 1), np.linspace(0, 1, 50))
-    >>> found = hp.fit_cluster(places @ np.swapaxes(turn, -1, -2))
-    >>> found.ok, bool(np.abs(found.body.S - turn).max() < 1e-12)
+    >>> fit = hp.fit_cluster(places @ np.swapaxes(turn, -1, -2))
+    >>> fit.ok, bool(np.abs(fit.body.S - turn).max() < 1e-12)
     (True, True)
     """
     places = real_array("markers", markers).astype(np.float64)

@@ -560,9 +560,9 @@ def _encoder_fit(
     off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
     by_hinge = _encoder_zero_derivatives(poses, hinge)
-    chosen = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
+    indices = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
     change = np.append(by_hinge, 1.0)
-    variance = change @ residuals.covariance[np.ix_(chosen, chosen)] @ change
+    variance = change @ residuals.covariance[np.ix_(indices, indices)] @ change
     return EncoderFit(
         zero=float(off),
         scale=line.slope,

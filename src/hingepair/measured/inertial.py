@@ -134,8 +134,8 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     >>> omega1 = np.stack((np.sin(t), np.cos(2 * t), np.sin(3 * t)), axis=-1)
     >>> turn = hp.rodrigues((0, 0, 1), np.sin(t))
     >>> omega2 = np.einsum("nji,nj->ni", turn, omega1 + np.cos(t)[:, None] * np.array([0, 0, 1]))
-    >>> found = hp.fit_axis(omega1, omega2)
-    >>> found.n1.round(9) + 0.0, found.n2.round(9) + 0.0
+    >>> fit = hp.fit_axis(omega1, omega2)
+    >>> fit.n1.round(9) + 0.0, fit.n2.round(9) + 0.0
     (array([0., 0., 1.]), array([0., 0., 1.]))
     """
     omega1, omega2 = _checked_vectors({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
@@ -155,13 +155,13 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _turned, starts
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
-    sought, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
+    unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
     if bias > 0 and rest @ rest > (_RELATIVE_ROUNDING_RESIDUAL * size) ** 2:
         for _ in range(_NUM_BIAS_ROUNDS):
             prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
-            sought, whole = _levenberg_marquardt(_rate_residual_function(w1, w2, prior), _turned, sought)
+            unknowns, whole = _levenberg_marquardt(_rate_residual_function(w1, w2, prior), _turned, unknowns)
             rest = whole[: w1.shape[0]]
-    n1, n2, bias1, bias2 = sought
+    n1, n2, bias1, bias2 = unknowns
     alike = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
     if alike[1] > alike[0]:
         n2 = -n2
@@ -243,8 +243,8 @@ def fit_anchor(
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """
-    given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
-    time, columns = checked_recording(t, given)
+    named_vectors = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
+    time, columns = checked_recording(t, named_vectors)
     if (n1 is None) != (n2 is None):
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
@@ -252,7 +252,7 @@ def fit_anchor(
     where = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE_SAMPLES)
     if not where:
         raise FitError(
-            ", ".join(given), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+            ", ".join(named_vectors), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
         )
     used = np.concatenate(where)
     smooth = [smooth_columns(time, omega, where, None) for omega in (omega1, omega2)]
@@ -269,9 +269,9 @@ def fit_anchor(
     )
     forces = [force[used] for force in (force1, force2)]
     rates, changes = [[each.values[order, used] for each in smooth] for order in range(2)]
-    sought, rest, prior = _point_and_biases(forces, rates, changes, usual)
-    u = sought[:6]
-    _, change = _force_residual_function(forces, rates, changes, prior)(sought)
+    unknowns, rest, prior = _point_and_biases(forces, rates, changes, usual)
+    u = unknowns[:6]
+    _, change = _force_residual_function(forces, rates, changes, prior)(unknowns)
     own, beside, bias_std = _derivatives_without_biases(change, 6, rest, prior, usual)
     change = np.concatenate((own, beside))
     if n1 is None or n2 is None:
@@ -295,15 +295,15 @@ def fit_anchor(
     reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER_LENGTH)
     findings = _point_sentences(std, reach, rest, forces)
     ok = not findings
-    for name, column in given.items():
+    for name, column in named_vectors.items():
         check = gyroscope_suspicions if name.startswith("omega") else accelerometer_suspicions
         findings += check(name, np.asarray(column, dtype=np.float64))
     return AnchorFit(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),
         covariance=read_only(covariance),
-        bias1=read_only(sought[6:9]),
-        bias2=read_only(sought[9:12]),
+        bias1=read_only(unknowns[6:9]),
+        bias2=read_only(unknowns[9:12]),
         bias_std=read_only(bias_std[:6].reshape(2, 3)),
         rms=float(np.sqrt(rest @ rest / used.size)),
         ok=ok,

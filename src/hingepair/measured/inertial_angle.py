@@ -101,8 +101,8 @@ def fit_angle(
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """
-    given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
-    time, columns = checked_recording(t, given)
+    named_vectors = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
+    time, columns = checked_recording(t, named_vectors)
     axes = [np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2))]
     levers = [constant(name, u, 3) for name, u in (("u1", u1), ("u2", u2))]
     tilting = number_not_below_0("accelerometer_bias", accelerometer_bias)
@@ -112,7 +112,7 @@ def fit_angle(
     where = split_at_gaps(time, known, longest, MIN_PIECE_SAMPLES)
     if not where:
         raise FitError(
-            ", ".join(given), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+            ", ".join(named_vectors), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
         )
     used = np.concatenate(where)
     seen = []
@@ -124,11 +124,11 @@ def fit_angle(
     (turning, rate_noise), (pulling, _) = (_angles_between(*both) for both in zip(*seen, strict=True))
     angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
     starts = np.cumsum([piece.size for piece in where])[:-1]
-    found = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
+    estimate = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
     pull = float(np.sqrt(np.mean(seen[0][1][:, :2] ** 2) * 2))
-    std = np.hypot(found.std, min(np.sqrt(2) * tilting / max(pull, 1e-300), np.pi) if tilting else 0.0)
+    std = np.hypot(estimate.std, min(np.sqrt(2) * tilting / max(pull, 1e-300), np.pi) if tilting else 0.0)
     hinge = Hinge(axes[0], axes[1], levers[0], levers[1])
-    psi = found.psi - home_angle(hinge, home_of(hinge))
+    psi = estimate.psi - home_angle(hinge, home_of(hinge))
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
@@ -137,18 +137,18 @@ def fit_angle(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if found.excess > _MAX_DIRECTION_SCATTER_RATIO:
+    if estimate.excess > _MAX_DIRECTION_SCATTER_RATIO:
         findings.append(
-            f"Directions are {found.excess:.2g} times as far from the integrated angle as their noise explains: "
+            f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
         )
     return AngleFit(
         psi=_at_used_indices(psi, used, time.size),
-        psid=_at_used_indices(rate - found.drift, used, time.size),
+        psid=_at_used_indices(rate - estimate.drift, used, time.size),
         std=_at_used_indices(std, used, time.size),
-        drift=found.drift,
-        drift_std=found.drift_std,
-        noise=found.noise,
+        drift=estimate.drift,
+        drift_std=estimate.drift_std,
+        noise=estimate.noise,
         ok=not findings,
         findings=tuple(findings),
     )

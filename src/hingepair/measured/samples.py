@@ -15,7 +15,7 @@ from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 
-_MAX_NOISE_RATIO = 1.5  # of the noise that the data show to that which was told, or the other way round
+_MAX_NOISE_MISMATCH_RATIO = 1.5  # of the noise that the data show to that which was told, or the other way round
 
 
 class Samples(NamedTuple):
@@ -61,7 +61,7 @@ class Samples(NamedTuple):
         return [
             f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
             for name, ratio in ratios.items()
-            if not 1 / _MAX_NOISE_RATIO < ratio < _MAX_NOISE_RATIO
+            if not 1 / _MAX_NOISE_MISMATCH_RATIO < ratio < _MAX_NOISE_MISMATCH_RATIO
         ]
 
 

@@ -175,13 +175,13 @@ def smooth(
     check_choice("loss", loss, LOSS_DERIVATIVES_BY_NAME)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
-    given = body if isinstance(body, BodyMotion) else real_array("body", body)
-    if given.shape != time.shape:
-        raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {given.shape}")
+    recording = body if isinstance(body, BodyMotion) else real_array("body", body)
+    if recording.shape != time.shape:
+        raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {recording.shape}")
     warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
-    if isinstance(given, BodyMotion):
-        return _smooth_body(time, given, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
-    angles = given.astype(np.float64)
+    if isinstance(recording, BodyMotion):
+        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
+    angles = recording.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):

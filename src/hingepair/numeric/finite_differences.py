@@ -72,8 +72,8 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return a stencil: the given rows and neighbours, and the neighbours' weights in the first and in the second
-    derivative at the rows, of shape (rows, neighbours) each.
+    """Return a stencil: the given rows and neighbours, and the neighbours' weights in the first and second
+    derivative, (rows, neighbours) each. More than accuracy_order + 1 neighbours are fitted by least squares.
     """
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
@@ -158,7 +158,8 @@ def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
     """Fit a polynomial of degree 5 to each window of seven neighbouring samples and return the residuals of all
-    windows. Residuals are scaled to the standard deviation of the noise of one sample.
+    windows, scaled to the standard deviation of one sample's noise. `difference` subtracts samples, such as
+    rotations.
 
     Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
     where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.

@@ -149,8 +149,8 @@ def checked_gaps(gaps: object) -> float:
 def split_at_gaps(
     t: Float64Array, is_known: NDArray[np.bool_], gaps: float, min_samples: int = 1
 ) -> list[NDArray[np.intp]]:
-    """Return the indices of the known samples as a list of arrays, one for each piece between gaps. Pieces of fewer
-    than `min_samples` are left out.
+    """Return the indices of the known samples as a list of arrays, cut where neighbours are more than `gaps` [s]
+    apart. Arrays of fewer than `min_samples` are left out.
 
     A gap is where known samples are further apart than `gaps` [s], and than one and a half of the usual step.
     """

@@ -19,7 +19,8 @@ def whole_file(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()
 ) -> Iterator[IO[bytes]]:
     """Open a binary file to write to, as a context manager; it replaces the target only when the block ends without
-    an error. Raise ArgumentError where the target cannot be written, or is one of the input files.
+    an error (a device or pipe is written to directly). Raise ArgumentError where the target cannot be written, or is
+    an input file.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
     that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
