@@ -218,7 +218,7 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the largest sum of errors times `factors` up to any instant [rad], or the RMS sum of missed ones.
+        """Return the largest sum of errors times `factors` up to any instant [rad]; at least that of undetected ones.
 
         Args:
             factors: multiply the errors; shape (P,).

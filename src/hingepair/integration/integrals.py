@@ -124,7 +124,7 @@ class AttitudeIntegral(_RateIntegral):
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
-        """Write the quaternions of steps of lengths h into `quats`, from omega at their node_omega."""
+        """Write the quaternions of steps of lengths h into `quats`, from omega at the nodes of the steps."""
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},

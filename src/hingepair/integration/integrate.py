@@ -22,7 +22,7 @@ from hingepair.integration.signals import (
 )
 from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, solve
 from hingepair.integration.trajectory import (
-    STATE_PREFIX,
+    STATE_OUTPUT_PREFIX,
     LazyValue,
     LazyValues,
     PlanarTrajectory,
@@ -219,7 +219,7 @@ def integrate(
 
 
 class _Request(NamedTuple):
-    """Checked arguments of `integrate`."""
+    """Checked arguments of `integrate`: options, signals, R1, values at the start, plan, and shape of the motions."""
 
     pair: Any
     options: SolveOptions
@@ -256,19 +256,19 @@ def _read_request(
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
     options = SolveOptions(t, method, tol, execution, frame == "body")
-    psi_0 = _read_constants("psi_0", psi_0)
+    psi_0 = _read_start_values("psi_0", psi_0)
     is_planar = isinstance(pair, PlanarPair)
     if is_planar:
         if S1_0 is not None:
             raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
         check_choice("method", method, tuple(STEP_RULES))
-        start = _read_constants("phi_0", 0.0 if phi_0 is None else phi_0)
+        start = _read_start_values("phi_0", 0.0 if phi_0 is None else phi_0)
     else:
         check_pair(pair)
         if phi_0 is not None:
             raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
-        start = _read_constants("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
+        start = _read_start_values("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
     values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
         name: read_signals(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,), execution)
@@ -286,11 +286,11 @@ def _read_request(
     return _Request(pair, options, signals, points, start, psi_0, motions, plan)
 
 
-def _read_constants(name: str, value: Any, *tail: int) -> Array:
-    """Read a value at t[0], of one motion `tail` or of many (..., *tail), as a float64 array."""
-    if np.ndim(value) == 0 and not tail:
+def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
+    """Return a value at t[0], of one motion `trailing_shape` or of many (..., *trailing_shape), as float64 array."""
+    if np.ndim(value) == 0 and not trailing_shape:
         return np.array(finite_number(name, value))
-    return vectors(name, value, *tail).astype(np.float64)
+    return vectors(name, value, *trailing_shape).astype(np.float64)
 
 
 def _name_of_motion(name: str, index: Sequence[int]) -> str:
@@ -303,7 +303,7 @@ def _name_of_motion(name: str, index: Sequence[int]) -> str:
 
 
 class _Motion(NamedTuple):
-    """One motion of a request."""
+    """One motion of a request: the signals of its rates, and attitude and hinge angle at its start."""
 
     signals: Mapping[str, Any]  # of its rates
     start: Any  # attitude (3, 3), in the plane an angle [rad]
@@ -331,10 +331,10 @@ def _each_motion(
     psi_0 = np.broadcast_to(request.psi_0, shape)
     results = []
     for index in np.ndindex(shape):
-        own = {name: array[index] for name, array in signals.items()}
+        motion_signals = {name: array[index] for name, array in signals.items()}
         start = float(starts[index]) if is_planar else starts[index]
         try:
-            results.append(function(request, _Motion(own, start, float(psi_0[index]))))
+            results.append(function(request, _Motion(motion_signals, start, float(psi_0[index]))))
         except ArgumentError as error:
             if not shape:
                 raise
@@ -344,7 +344,7 @@ def _each_motion(
 
 
 def _check_motion(request: _Request, motion: _Motion) -> None:
-    """Refuse a motion whose numbers are not finite, or whose start is no rotation."""
+    """Check that the numbers of a motion are finite and that its start is a rotation."""
     for name, signal in motion.signals.items():
         check_finite_values(name, signal)
     finite_number("psi_0", motion.psi_0)
@@ -355,7 +355,7 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
 
 
 def _solve_motion(request: _Request, motion: _Motion) -> Solution:
-    """Check and solve one motion (E12)."""
+    """Return the `Solution` of one motion (E12), after checking the motion; raise if its tolerance is not reached."""
     _check_motion(request, motion)
     solution = solve(request.options, motion.signals["omega1"], motion.signals["psid"], motion.start, motion.psi_0)
     solution.check_tolerance(request.options)
@@ -366,12 +366,16 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
     """Return the trajectory of all motions from their solutions, with the state of the pair."""
     t, motions = request.options.t, request.motions
     is_planar = isinstance(request.pair, PlanarPair)
-    orientations = _stacked([one.orientations for one in solutions], motions, (len(t),) if is_planar else (len(t), 4))
-    psi = _stacked([one.psi for one in solutions], motions, (len(t),))
+    orientations = _stack_results(
+        [one.orientations for one in solutions], motions, (len(t),) if is_planar else (len(t), 4)
+    )
+    psi = _stack_results([one.psi for one in solutions], motions, (len(t),))
     state = _compute_state(request, orientations, psi)
     R1 = np.broadcast_to(request.points["R1"], (*motions, len(t), 2 if is_planar else 3))
     steps = [one.steps for one in solutions]
-    values: dict[str, Any] = {"steps": _stacked(steps, motions, (), np.dtype(np.int64)) if motions else steps[0]}
+    values: dict[str, Any] = {
+        "steps": _stack_results(steps, motions, (), np.dtype(np.int64)) if motions else steps[0]
+    }
     values |= {"phi": orientations} if is_planar else {"quat_wxyz": orientations, "R1": read_only(R1)}
     values |= {} if is_planar else {"pair": request.pair}
     return (PlanarTrajectory if is_planar else Trajectory)(
@@ -381,16 +385,19 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
     )  # fmt: skip
 
 
-def _stacked(
-    rows: Sequence[Any], motions: tuple[int, ...], tail: tuple[int, ...], dtype: np.dtype[Any] = FLOAT64_DTYPE
+def _stack_results(
+    results: Sequence[Any],
+    motions: tuple[int, ...],
+    trailing_shape: tuple[int, ...],
+    dtype: np.dtype[Any] = FLOAT64_DTYPE,
 ) -> NDArray[Any]:
-    """Return the results of motions, each of shape `tail`, as one read-only array; of one motion without a copy."""
+    """Return the results of motions, of one shape each, as one read-only array; of one motion without a copy."""
     if not motions:
-        return read_only(np.asarray(rows[0]))
-    array = np.empty((len(rows), *tail), dtype)
-    for index, row in enumerate(rows):
+        return read_only(np.asarray(results[0]))
+    array = np.empty((len(results), *trailing_shape), dtype)
+    for index, row in enumerate(results):
         array[index] = row
-    return read_only(array.reshape(motions + tail))
+    return read_only(array.reshape(motions + trailing_shape))
 
 
 def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
@@ -399,7 +406,7 @@ def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyV
 
 
 def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
-    """Compute the state of the pair at the instants of all motions."""
+    """Return the state of the pair at the instants of all motions."""
     options, plan = request.options, request.plan
     shape = psi.shape
     if not plan.outputs:
@@ -419,27 +426,31 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     return compute_state(request.pair.constants, plan, inputs, {"t": shape}, execution=options.execution)
 
 
-def _integrate_lazily(pair: Any, t: Array, motion: Mapping[str, Any], choices: Mapping[str, Any]) -> Any:
-    """Return the trajectory of Dask arrays, whose arrays are lazy: one task for each chunk of motions."""
+def _integrate_lazily(
+    pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
+) -> Any:
+    """Return a trajectory whose arrays are lazy Dask arrays: one task integrates each chunk of motions."""
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
         check_pair(pair)
     check_single_pair(pair, " beside Dask arrays")
-    execution_of(choices["backend"], 1)
-    R1, point, vector = motion["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
+    execution_of(other_arguments["backend"], 1)
+    R1, point, vector = motion_arguments["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
     tails: dict[str, Any] = {
-        **{name: _shape_of_one(motion[name], len(t), vector) for name in ("omega1", "alpha1")},
-        **{name: _shape_of_one(motion[name], len(t), ()) for name in ("psid", "psidd")},
+        **{name: _shape_of_one(motion_arguments[name], len(t), vector) for name in ("omega1", "alpha1")},
+        **{name: _shape_of_one(motion_arguments[name], len(t), ()) for name in ("psid", "psidd")},
         "R1": _shape_of_one(R1, len(t), point),
         **{"S1_0": (3, 3), "phi_0": (), "psi_0": ()},
     }
     if isinstance(R1, tuple) and len(R1) and np.ndim(R1[0]) > 0:
         tails["R1"] = [_shape_of_one(part, len(t), point) for part in R1]
-    arguments = {"pair": pair, "t": t, **motion, **choices}
-    arrays = over_chunks(_integrate_chunk, arguments, tails, template_of=_template, index_name="first_motion")
+    arguments = {"pair": pair, "t": t, **motion_arguments, **other_arguments}
+    arrays = over_chunks(
+        _integrate_chunk, arguments, tails, template_of=_trajectory_template, index_name="first_motion"
+    )
     errors = over_chunks(_estimate_errors, arguments, tails, template_of=_error_template, index_name="first_motion")
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
-    values = {"t": read_only(t), "method": choices["method"]} | ({} if is_planar else {"pair": pair})
+    values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
         STATE_CLASS_BY_KIND[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape
     )
@@ -473,7 +484,7 @@ def _estimate_errors(first_motion: tuple[int, ...] | None, **arguments: Any) -> 
     return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
 
 
-def _template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:
+def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:
     """Check all arguments, and return arrays of the shapes and dtypes that `_integrate_chunk` returns for them.
 
     Only the first instant is integrated, which takes no step.
@@ -506,7 +517,7 @@ def _arrays_of_trajectory(trajectory: Any) -> dict[str, NDArray[Any]]:
     """Return all arrays of a trajectory but t by name, those of its state with a prefix."""
     names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
     arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
-    return arrays | {STATE_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
+    return arrays | {STATE_OUTPUT_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:

@@ -173,7 +173,7 @@ def _subtract_local_median(rows: Array) -> Array:
 
 
 def _median_of_five(arrays: list[Array]) -> Array:
-    """Return the median of arrays arrays, element by element."""
+    """Return the median of five arrays, element by element."""
     a, b, c, d, e = arrays
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))

@@ -180,7 +180,7 @@ class PrefixScan:
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Combine elements in place with the prefix products prefixes them, by a loop."""
+        """Combine elements in place with the prefix products before them, by a loop."""
         loop.run(
             {"element": elements, "prefix": prefixes},
             {"element": elements},

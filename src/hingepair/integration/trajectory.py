@@ -57,7 +57,7 @@ class LazyValue:
 
 
 class LazyValues:
-    """Numbers of many motions; each is computed when it is needed for the first time.
+    """Numbers of many motions, each of which is computed at first need; a call returns all as an array.
 
     Args:
         values: the `LazyValue` of each motion; shape (...,).
@@ -135,12 +135,13 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        """Return the lazy arrays by name, and the function that makes a trajectory from computed ones."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         state = values.pop("state")
         lazy = {name: value for name, value in values.items() if holds_dask(value)}
         others = {name: value for name, value in values.items() if name not in lazy}
         outputs, make_state = state._dask_parts()
-        lazy |= {STATE_PREFIX + name: array for name, array in outputs.items()}
+        lazy |= {STATE_OUTPUT_PREFIX + name: array for name, array in outputs.items()}
         return lazy, functools.partial(trajectory_of_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -157,6 +158,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
+        """Return the names of the leading axes, of motions and of time, and the outputs by name."""
         count = len(self.motions)
         if not count and not holds_dask(self.psi):
             return ("time",), self.recorded()
@@ -300,37 +302,44 @@ class PlanarTrajectory(_TrajectoryBase):
     state: PlanarState
 
 
-STATE_PREFIX: Final = "state."
+STATE_OUTPUT_PREFIX: Final = "state."
 """Prefix of the names of a state's outputs among the arrays of a trajectory."""
 
-_ERROR_FIELDS = {"_error", "_psi_error"}  # names of the fields that hold errors
+_ERROR_FIELD_NAMES = {"_error", "_psi_error"}  # names of the fields that hold errors
 
 
 def trajectory_of_arrays(
-    kind: type[_TrajectoryBase],
+    trajectory_class: type[_TrajectoryBase],
     values: Mapping[str, Any],
     make_state: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory from NumPy or Dask arrays.
+    """Return a trajectory of a class from its arrays, NumPy or Dask, and its other attributes, by name.
 
     Args:
-        kind: class of the trajectory.
+        trajectory_class: class of the trajectory.
         values: its attributes that are no such arrays, by name.
         make_state: function of the outputs by name that returns the state.
-        arrays: the arrays of the attributes by name; of the outputs of the state the names have STATE_PREFIX.
+        arrays: the arrays of the attributes by name; of the outputs of the state the names have STATE_OUTPUT_PREFIX.
     """
-    outputs = {name.removeprefix(STATE_PREFIX): a for name, a in arrays.items() if name.startswith(STATE_PREFIX)}
-    own = {name: array for name, array in arrays.items() if not name.startswith(STATE_PREFIX)}
-    if not holds_dask(own):
-        errors = {name: _computed_errors(np.asarray(own.pop(name))) for name in own.keys() & _ERROR_FIELDS}
-        own = {name: read_only(np.asarray(array)) for name, array in own.items()} | errors
-        own |= {"steps": int(own["steps"])} if np.ndim(own.get("steps", ())) == 0 else {}
-    return kind(**{**values, **own, "state": make_state(outputs)})
+    outputs = {
+        name.removeprefix(STATE_OUTPUT_PREFIX): a
+        for name, a in arrays.items()
+        if name.startswith(STATE_OUTPUT_PREFIX)
+    }
+    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_OUTPUT_PREFIX)}
+    if not holds_dask(field_arrays):
+        errors = {
+            name: _computed_errors(np.asarray(field_arrays.pop(name)))
+            for name in field_arrays.keys() & _ERROR_FIELD_NAMES
+        }
+        field_arrays = {name: read_only(np.asarray(array)) for name, array in field_arrays.items()} | errors
+        field_arrays |= {"steps": int(field_arrays["steps"])} if np.ndim(field_arrays.get("steps", ())) == 0 else {}
+    return trajectory_class(**{**values, **field_arrays, "state": make_state(outputs)})
 
 
 def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
-    """Return computed errors as a trajectory holds them: of one motion a LazyValue, of many LazyValues."""
+    """Return errors that are already computed as lazy values: a LazyValue of one motion, LazyValues of many."""
     values = np.empty(errors.shape, object)
     for index in np.ndindex(errors.shape):
         values[index] = LazyValue(None, float(errors[index]))

@@ -258,6 +258,7 @@ def _compute_on_threads(
     import dask
 
     def compute_and_store(chunk_index: int) -> None:
+        """Compute one chunk, and call `store_chunk` with its columns."""
         first = chunk_index * sweep.chunk
         store_chunk(
             chunk_index, compute_chunk(sweep.task, chunk_index, first, sweep.numbers[first : first + sweep.chunk])
