@@ -176,7 +176,7 @@ HARM = {
 def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     motion = scenes(SPACE, "free").motion.simulated
     hinge = motion.psi, motion.psid, motion.psidd
-    held = {"base": "free", "flat": False}
+    held = {"base": "free", "is_planar": False}
     right = compare_forces(motion.space, motion.body1, hinge, motion.loads, motion.gravity, **held)
     wrong = compare_forces(HARM[harm](motion.space), motion.body1, hinge, motion.loads, motion.gravity, **held)
     assert all(row.ok for row in right)
