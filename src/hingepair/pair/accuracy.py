@@ -28,7 +28,8 @@ from hingepair.plans.plan import Kind, Plan
 
 
 class PromisedBound(NamedTuple):
-    """Promised bound on the rounding error of one output, and the formula of the scale that it is relative to.
+    """Promised bound on the rounding error of one output, the largest error seen in searches, and the formula of the
+    scale that both are relative to.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all

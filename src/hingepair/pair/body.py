@@ -84,8 +84,8 @@ class Cylinder(Frozen):
     """A solid cylinder along any direction: a shape of a body, for its inertia and its picture.
 
     Args:
-        radius: above zero [m].
-        length: along its axis, above zero [m].
+        radius: its radius, above zero [m].
+        length: its length along the axis, above zero [m].
         center: its centre from the body's reference point, body axes [m]; shape (3,).
         axis: its direction, body axes; of any length; kept at unit length; shape (3,).
 
@@ -122,7 +122,7 @@ class Sphere(Frozen):
     """A solid sphere: a shape of a body, for its inertia and its picture.
 
     Args:
-        radius: above zero [m].
+        radius: its radius, above zero [m].
         center: its centre from the body's reference point, body axes [m]; shape (3,).
 
     Raises:
@@ -151,15 +151,18 @@ class Body(Frozen):
     """Mass properties and shapes of one body: for its dynamics and for exports; the kinematics do not depend on them.
 
     Args:
-        mass: above zero [kg]; unless given, 1 kg, of which dynamics warns.
-        center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, the reference point,
-            or that of the shapes where inertia is not given either. That of a robot is `Mechanism.centre_of_mass`.
-        inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
-            shape (3,); those above zero and none above the sum of the other two. An excess of up to 1e-3 of the sum
-            of all three, as rounded moments of a flat body have it, is used as given, with a `DynamicsWarning`.
-            Unless given, that of the shapes, or else of a radius of gyration of 0.1 m, of which dynamics warns.
-        shapes: what a viewer draws, and what gives mass its place, at one density and where shapes overlap counted
-            twice: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge are drawn.
+        mass: mass of the body, above zero [kg]; unless given, 1 kg, of which dynamics warns.
+        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,).
+            Unless given, the reference point, or the centre of the shapes where inertia is not given either. That of
+            a robot is `Mechanism.centre_of_mass`.
+        inertia: inertia about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal
+            moments, shape (3,). The principal moments are above zero, and none is above the sum of the other two. An
+            excess of up to 1e-3 of the sum of all three, as rounded moments of a flat body have it, is used as given,
+            with a `DynamicsWarning`. Unless given, the inertia of the shapes, or else that of a radius of gyration of
+            0.1 m, of which dynamics warns.
+        shapes: Box, Cylinder and Sphere objects, which a viewer draws. They also give the centre of mass and the
+            inertia that are not given, at one density; where shapes overlap, mass counts twice. Unless given, an arm
+            to the hinge and half a hinge are drawn.
 
     `dataclasses.replace(body, mass=3)` gives a body of another mass. What was not given for `body` - an inertia that
     comes from its shapes, say - is computed again for the new one; what was given stays.

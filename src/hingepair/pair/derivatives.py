@@ -76,6 +76,7 @@ def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> Fl
 def _outputs_from_both_bodies(
     pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str
 ) -> FloatArray:
+    """Return one output as an array, computed from the arrays of both bodies that `letters` name (S, omega)."""
     values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}
     shapes = {"body1": body1.shape, "body2": body2.shape}
     return compute_arrays(with_hinge_frames(pair), (name,), values, shapes)[name]

@@ -49,10 +49,10 @@ class Forces(NamedTuple):
     """Forces and torques that a motion of the pair requires (D5).
 
     Attributes:
-        force1: on body 1, world axes [N]; shape (..., 3).
-        torque1: on body 1 about R1, world axes [N m]; shape (..., 3).
-        hinge_torque: about the hinge axis, of body 1 on body 2, by motor, spring, damper, friction and stops together
-            [N m]; shape (...).
+        force1: force on body 1 at R1, world axes [N]; shape (..., 3).
+        torque1: torque on body 1 about R1, world axes [N m]; shape (..., 3).
+        hinge_torque: torque about the hinge axis, of body 1 on body 2, by motor, spring, damper, friction and stops
+            together [N m]; shape (...).
     """
 
     force1: FloatArray
@@ -69,7 +69,7 @@ class Accelerations(NamedTuple):
     Attributes:
         a1: acceleration of body 1's reference point, world axes, classical [m/s^2]; shape (..., 3).
         alpha1: angular acceleration of body 1, world axes [rad/s^2]; shape (..., 3).
-        psidd: of the hinge angle [rad/s^2]; shape (...).
+        psidd: acceleration of the hinge angle [rad/s^2]; shape (...).
     """
 
     a1: FloatArray
@@ -84,8 +84,8 @@ class HingeWrench(NamedTuple):
     """Wrench that body 1 exerts on body 2 at the hinge point (D3, D4).
 
     Attributes:
-        force: world axes [N]; shape (..., 3).
-        torque: about the hinge point, world axes [N m]; shape (..., 3).
+        force: force at the hinge point, world axes [N]; shape (..., 3).
+        torque: torque about the hinge point, world axes [N m]; shape (..., 3).
         hinge_torque: the part of the torque about the hinge axis, by motor, spring, damper, friction and stops
             together [N m]; shape (...).
         bearing_torque: the rest of the torque, across the axis, which the bearing carries [N m]; shape (..., 3).
@@ -104,8 +104,8 @@ class Energy(NamedTuple):
     """Kinetic and potential energy of the pair (D7).
 
     Attributes:
-        kinetic: of both bodies [J]; shape (...).
-        potential: of both bodies in uniform gravity, zero at the world's origin [J]; shape (...).
+        kinetic: kinetic energy of both bodies [J]; shape (...).
+        potential: potential energy of both bodies in uniform gravity, zero at the world's origin [J]; shape (...).
     """
 
     kinetic: FloatArray
@@ -119,8 +119,8 @@ class Momentum(NamedTuple):
     """Linear and angular momentum of the pair (D8).
 
     Attributes:
-        linear: of both bodies, world axes [kg m/s]; shape (..., 3).
-        angular: of both bodies about the world's origin, world axes [kg m^2/s]; shape (..., 3).
+        linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3).
+        angular: angular momentum of both bodies about the world's origin, world axes [kg m^2/s]; shape (..., 3).
     """
 
     linear: FloatArray

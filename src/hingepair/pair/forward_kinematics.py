@@ -138,7 +138,9 @@ def planar_columns(name: str, table: Any) -> tuple[str, ...]:
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """Return a row of `count` numbers that float64 holds as an array; None if the value is anything else."""
+    """Return `count` numbers, given as an array, list or tuple, as a float64 array; None if float64 is not their type
+    or the value is anything else.
+    """
     if type(value) is np.ndarray:
         is_supported = value.shape == (count,) and value.dtype.char in _FLOAT64_DTYPE_CHARACTERS
     else:
@@ -171,7 +173,9 @@ def from_coordinates(
     sequence: str | None,
     execution: Execution,
 ) -> Any:
-    """Return the pair's state from its coordinates and as many derivatives as are given (E1-E11)."""
+    """Compute the PairState or PlanarState of a pair from its coordinates and as many derivatives as are given
+    (E1-E11). The compiled call is kept in `pair.prepared`.
+    """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
         outputs = tuple(outputs)
@@ -228,7 +232,9 @@ def from_body1(
     out: Out,
     execution: Execution,
 ) -> Any:
-    """Return the pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
+    """Compute the PairState of a pair from the motion of body 1 and the hinge angle with its derivatives (E1, E2,
+    E5-E9).
+    """
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_ARGUMENT_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
     call = cached_call(pair, plan, tuple(values), execution.backend)

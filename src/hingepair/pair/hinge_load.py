@@ -31,18 +31,19 @@ class HingeLoad:
     friction holds the hinge in `simulate` as long as no more than `friction` is needed for it.
 
     Args:
-        stiffness: of the spring [N m/rad].
+        stiffness: stiffness of the spring [N m/rad].
         rest: hinge angle where the spring is slack [rad].
-        damping: of the damper [N m s/rad].
+        damping: coefficient of the damper [N m s/rad].
         friction: torque of dry friction [N m].
         friction_rate: None: friction sticks and slips. A rate [rad/s]: friction is friction tanh(psi' /
             friction_rate) instead, which has no jump, and lets what it holds creep.
         stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
-        stop_stiffness: of the springs that the stops are [N m/rad].
-        stop_damping: of these springs [s/rad]; 0: the hinge leaves a stop as fast as it came; see `restitution`.
+        stop_stiffness: stiffness of the stops, which are springs [N m/rad].
+        stop_damping: damping of these springs [s/rad]; with 0 the hinge leaves a stop as fast as it came; see
+            `restitution`.
         stop_restitution: None: stops are springs. From 0 to 1: stops are rigid in `simulate`, and the hinge leaves
             one with this share of the rate at which it came.
-        motor: what is added [N m]: a number, or a callable of arrays (t, psi, psid).
+        motor: torque of the motor, which is added [N m]: a number, or a callable of arrays (t, psi, psid).
 
     Raises:
         ArgumentError: a value is not finite or below 0; names it.

@@ -342,11 +342,11 @@ class HingePair(Shown):
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute the mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
-        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. M is symmetric, in world axes and about
+        S of body1 is used; psi [rad], shape (...,), broadcasts against it. M is symmetric, in world axes and about
         R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
 
         Raises:
-            ArgumentError: also where a body of the pair has no mass properties.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -373,7 +373,7 @@ class HingePair(Shown):
         """Compute the Forces: those on body 1 and the torque at the hinge that move the pair as given (D1-D5).
 
         Args:
-            body1: of it, S, omega, a and alpha are used.
+            body1: the motion of body 1, of which S, omega, a and alpha are used.
             psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise the next two.
             psid: its time derivative [rad/s].
             psidd: its second time derivative [rad/s^2].
@@ -383,7 +383,7 @@ class HingePair(Shown):
             force1 [N], torque1 about R1 and hinge_torque [N m].
 
         Raises:
-            ArgumentError: also where a body of the pair has no mass properties.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -419,7 +419,7 @@ class HingePair(Shown):
         """Compute the Accelerations of the pair under its loads (D6).
 
         Args:
-            body1: of it, S and omega are used.
+            body1: the motion of body 1, of which S and omega are used.
             psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise all that follows.
             psid: its time derivative [rad/s].
             force1: on body 1 at R1, world axes [N]; shape (..., 3), or the number 0; likewise the other forces and
@@ -466,8 +466,8 @@ class HingePair(Shown):
         """Compute the HingeWrench of body 1 on body 2 at the hinge point (D3, D4). Body 2 alone needs mass
         properties.
 
-        Arguments are those of `inverse_dynamics`. Gives force [N], torque about the hinge point [N m] and the
-        torque's two parts: hinge_torque, bearing_torque.
+        Arguments are those of `inverse_dynamics`. The result has the force [N], the torque about the hinge
+        point [N m] and the two parts of the torque, hinge_torque and bearing_torque.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -490,11 +490,12 @@ class HingePair(Shown):
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair (D7); body 1 counts where it has mass properties.
 
-        Of body1, R, S, v and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
-        as for `inverse_dynamics`. Gives kinetic and potential [J].
+        R, S, v and omega of body1 are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
+        as for `inverse_dynamics`. The result has the attributes kinetic and
+        potential [J].
 
         Raises:
-            ArgumentError: also where body 2 has no mass properties.
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -516,7 +517,8 @@ class HingePair(Shown):
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
         """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
 
-        Arguments are those of `energy`. Gives linear [kg m/s] and angular [kg m^2/s].
+        Arguments are those of `energy`. The result has the attributes linear [kg m/s] and angular
+        [kg m^2/s].
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -585,7 +587,7 @@ class HingePair(Shown):
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') from body1 and psi (E8, E2).
 
-        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
+        S of body1 is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
         By the rates of q it is `coordinate_jacobian(q)`.
 
         >>> import numpy as np
@@ -601,7 +603,7 @@ class HingePair(Shown):
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
         """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
 
-        Of body1, S and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it. The bias is in
+        S and omega of body1 are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it. The bias is in
         world axes; shape (..., 6).
 
         >>> import numpy as np
@@ -652,7 +654,7 @@ class HingePair(Shown):
         """Compute the Sensitivities: derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2
         are those of d.
 
-        Of body1, S is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
+        S of body1 is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
         Without psid, v2 and omega2 have none. The `Sensitivities` say the shape and unit of each, such as `.d_by_u1`
         (..., 3, 3); the last axis is the component of what is varied.
 
@@ -680,7 +682,7 @@ class HingePair(Shown):
         """Compute the PoseCovariance that tolerances of the geometry cause in R2 and body 2's attitude, to first
         order (E5, E7).
 
-        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. The standard deviations, or the
+        S of body1 is used; psi [rad], shape (...,), broadcasts against it. The standard deviations, or the
         covariance of a fit, are those of `hingepair.sample_pairs`, which shows how far the first order holds.
 
         Returns:

@@ -152,7 +152,7 @@ class PlanarPair(Shown):
         """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample;
         arrays by output.
 
-        As `HingePair.error_bounds`.
+        The arguments are those of `forward_kinematics`; the bounds are those of `HingePair.error_bounds`.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -200,7 +200,7 @@ class PlanarPair(Shown):
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
         """Compute the mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
-        Of coordinates as for `forward_kinematics`.
+        The coordinates are those of `forward_kinematics`.
 
         Returns:
             M, symmetric [kg, kg m, kg m^2]; shape (..., 4, 4).
@@ -223,7 +223,7 @@ class PlanarPair(Shown):
     ) -> Forces:
         """Compute the Forces: those on body 1 and the torque at the pin that move the pair as given (D1-D5).
 
-        As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
+        The coordinates are those of `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
         Returns:
             force1, shape (..., 2), torque1 about R1, and hinge_torque, shape (...).
@@ -318,7 +318,7 @@ class PlanarPair(Shown):
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
         """Compute the kinetic and potential Energy (D7); body 1 counts where it has mass properties.
 
-        As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
+        The coordinates are those of `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
@@ -335,7 +335,7 @@ class PlanarPair(Shown):
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
         """Compute the Momentum: linear, shape (..., 2), and angular about the origin, shape (...) (D8).
 
-        Of coordinates as for `forward_kinematics`.
+        The coordinates are those of `forward_kinematics`.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.

@@ -299,7 +299,7 @@ class _ResidualComputation(NamedTuple):
 def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> _ResidualComputation:
-    """Compute all residuals of two motions that their rates allow, and compare each to its tolerance."""
+    """Return all residuals of two motions that their rates allow, and the comparison of each with its tolerance."""
     motions = _read_both_motions(body1, body2)
     tolerance_by_kind = _check_tolerances(tolerances)
     for kind in tolerance_by_kind:
@@ -328,7 +328,9 @@ def _compare_residual(
     u: float,
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
-    """Compare one residual to its tolerance: the given one, or RESIDUAL_BOUND_ROUNDOFFS * u * scale."""
+    """Return the comparison of one residual with its tolerance at every sample: the given tolerance, or
+    RESIDUAL_BOUND_ROUNDOFFS * u * scale.
+    """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
             basis, tolerance = "given", np.broadcast_to(tolerance_by_kind[kind], size.shape)

@@ -75,6 +75,7 @@ class Result(Shown):
         return ("time",), self.recorded()
 
     def _sheet(self) -> Sheet:
+        """Return the Sheet that prints the result: name, shape at one instant, and unit of each array."""
         leading, arrays = self._axes_and_arrays()
         rows = [(name, str(array.shape[len(leading) :] or ""), self.unit(name)) for name, array in arrays.items()]
         title = f"{self.described}: {len(self.t)} instants"

@@ -127,7 +127,8 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
 def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return by name the exact u1, u2, n and home written in the scene file, if they equal those of the pair.
+    """Return the exact u1, u2, n and home that the scene file holds, by name; leave out those that differ from the
+    pair's numbers.
 
     Someone may have given the scene another pair (`dataclasses.replace`).
     """

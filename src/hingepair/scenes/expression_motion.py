@@ -61,7 +61,9 @@ class FunctionsOfTime:
         return tuple(zip(*columns, strict=True))
 
     def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """Compute the values and derivatives as arrays; shape (N, *value_shape) each."""
+        """Return [values, first derivatives, ...] up to `order` at t as arrays; shape (N,) of one function, (N, k) of
+        k functions.
+        """
         rows = self.derivatives(t, order)
         return [
             np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.value_shape) for row in rows
@@ -73,7 +75,9 @@ class FunctionsOfTime:
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, symbolic_constants: Sequence[str] = ()) -> dict[str, Expr | None]:
-        """Return the expressions by name, the constants named in the argument as symbols; None for way points."""
+        """Return the expressions by name, in which the constants that `symbolic_constants` names stay symbols; None
+        for way points.
+        """
         expression_by_name: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):
             written = self.table.values[name]

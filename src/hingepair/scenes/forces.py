@@ -61,7 +61,8 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Return the SceneForces that a pair's motion requires; `title` and `files` (inputs) are those of the scene.
+    """Return the SceneForces that a pair's motion requires at t. `gravity` None is the scene's own; `title` and
+    `files`, the inputs, are those of the scene.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -113,7 +114,9 @@ def _required_forces(
 def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
-    """Return by name the part of the required forces that a simulation's loads on body 2 already supply."""
+    """Return by name the part of the required forces that the loads on body 2 of a simulated motion supply: these
+    loads as forces at the hinge and on body 1.
+    """
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
     hinge_point_torque = torque - np.cross(state.S2 @ pair.u2, force)
@@ -129,7 +132,9 @@ def _forces_from_body2_loads(
 
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return x and y of each force and z of torque1 by name, without bearing_torque; the other arrays unchanged."""
+    """Return the force arrays in the plane by name: x and y of each force, z of torque1, hinge torques unchanged,
+    bearing_torque left out.
+    """
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
         name: array[..., components[name]] if name in components else array

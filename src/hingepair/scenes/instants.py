@@ -121,7 +121,9 @@ class SampledScene(Shown, abc.ABC):
 
 
 def read_instants(time: Table) -> UniformInstants:
-    """Return the UniformInstants of the table [time]; refuse keys or values that describe none."""
+    """Return the UniformInstants that the keys start, stop and samples of the table [time] describe; refuse other
+    keys and values.
+    """
     start, stop, samples = time.read(_TIME_KEY_READERS, required=_TIME_KEY_READERS).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")

@@ -36,7 +36,8 @@ def integrate_motion(
     planar: bool = False,
     **notes: Any,
 ) -> Motion:
-    """Integrate the signals omega1 and psi' over t (E12; in the plane E11) and return the Motion.
+    """Integrate the signals omega1 and psi' over t (E12; in the plane E11) and return the Motion. `arrays` has R1,
+    v1, omega1 and psid at t by name, and second derivatives where known; start and method stand in the table.
 
     `arrays` are R1, v1, omega1, psid at the instants, and a1, alpha1, psidd where these are known; `tol` is the error
     that is aimed at, refused where it is missed and the table asks for it; `notes` are functions and hint.

@@ -126,7 +126,9 @@ class MotionByCoordinates:
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 in space by name; with rates also omega1, omega2, psid, W1 (scale of omega1)."""
+        """Return R1, S1, R2, S2 in space as arrays by name; with rates also omega1, omega2, psid and W1, the size
+        that errors of omega1 are relative to.
+        """
         if self.sequence:
             arrays = self.forward_kinematics(
                 pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS * bool(self.level)
@@ -196,7 +198,9 @@ class MotionByBody1:
         return {"psi": self.hinge[0]}
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return position, quaternion and psi, or their derivatives of `order` 1 or 2, by names of log columns."""
+        """Return the columns of a log by name: position, quaternion and psi for `order` 0, their rates for 1,
+        accelerations for 2.
+        """
         place, turning, angle = _BODY1_NAMES_BY_ORDER[order]
         body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
@@ -237,7 +241,9 @@ class MotionByBody1:
         return self
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 in space by name; with rates also omega1, omega2, psid, W1 (scale of omega1)."""
+        """Return R1, S1, R2, S2 as arrays by name; with rates also omega1, omega2, psid and W1, the size that errors
+        of omega1 are relative to.
+        """
         if not self.level:
             return self.forward_kinematics(pair, _POSE_OUTPUTS).arrays()
         W1, _ = angular_rate_sizes(self.body1.omega)

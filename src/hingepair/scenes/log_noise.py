@@ -20,7 +20,7 @@ from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCo
 
 SMOOTHING_HINT_NOISE_RATIO: Final = 0.01
 """Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
-_MAX_RELATIVE_ROUNDING: Final = 1e-12  # noise of samples, in parts of the largest, that is taken for rounding
+_MAX_ROUNDING_NOISE_RATIO: Final = 1e-12  # noise of samples, in parts of the largest, that is taken for rounding
 _MAX_NOISE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
 
 
@@ -57,7 +57,9 @@ class LogNoise:
         self._rng = np.random.default_rng(0)
 
     def added_to(self, motion: KnownMotion) -> KnownMotion:
-        """Compute the motion with as much noise once more, independent of its own; accelerations are known."""
+        """Return the motion, which has accelerations, with random noise added that has the size of the log's own;
+        store this size in `sizes`.
+        """
         return (
             self._add_to_coordinates(motion)
             if isinstance(motion, MotionByCoordinates)
@@ -136,7 +138,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     if not residuals.size:
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(residuals**2)))
-    if size <= _MAX_RELATIVE_ROUNDING * float(np.abs(samples).max()):
+    if size <= _MAX_ROUNDING_NOISE_RATIO * float(np.abs(samples).max()):
         return 0.0, 0.0
     _, _, *weights = next(stencils(t, order))
     first, second = (float(np.sqrt(np.median((one**2).sum(axis=1)))) for one in weights)

@@ -61,7 +61,8 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Names of the columns that a log may have, with the arrays that they form and the angles among them.
+    """Names of the columns that a log may have, the arrays that they form, those that hold angles, and names of
+    results, which are refused.
 
     Attributes:
         arrays: columns of each array, by name; what is in no array is a column by itself.
@@ -98,7 +99,7 @@ _EULER_NAMES_BY_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_MAX_NOISE_SHARE: Final = 0.1  # of a derivative's rms: noise above it is told of
+_MAX_LOG_NOISE_RATIO: Final = 0.1  # of a derivative's rms: noise above it is told of
 _MIN_LONG_DOUBLE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
@@ -125,7 +126,9 @@ def read_log(table: Table, folder: Path) -> Motion:
 
 
 def log_path(table: Table, folder: Path) -> Path:
-    """Return the path of the file that [motion] names, relative to a folder; refuse one that is not there."""
+    """Return the path of the log that the table [motion] names, relative to `folder`; refuse a file that does not
+    exist.
+    """
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
@@ -224,7 +227,8 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives by name; record in `derived` those found by finite differences.
+        """Return a quantity and its derivatives (`names`) as arrays by name, those that the file lacks by finite
+        differences where the log is completed; record these in `derived`. Empty if absent and not required.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
@@ -316,7 +320,7 @@ class Log(NamedSource):
 
     def smoothing_hint(self) -> str:
         """Return a sentence that recommends to smooth a log whose derivatives are noisy; an empty text otherwise."""
-        noisy = {name: share for name, share in self.noise_shares.items() if share > _MAX_NOISE_SHARE}
+        noisy = {name: share for name, share in self.noise_shares.items() if share > _MAX_LOG_NOISE_RATIO}
         if not noisy:
             return ""
         shares = ", ".join(f"{100 * share:.2g} % of {name}" for name, share in noisy.items())
@@ -470,7 +474,9 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest order of derivatives in the log; refuse a log where not all quantities have it."""
+    """Return the order of the highest derivative that any quantity of the log has; refuse the log if another quantity
+    lacks it.
+    """
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():
         for name in names[: level + 1]:

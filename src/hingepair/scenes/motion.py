@@ -89,7 +89,9 @@ class Motion:
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals that end at the instants start to stop - 1 and hold a kink of a function of t."""
+        """Count the intervals that end at the instants start to stop - 1 and hold a kink or a jump of a function of
+        t.
+        """
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
@@ -150,7 +152,9 @@ def kink_sentences(kink_count: int) -> Iterator[str]:
 
 
 def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield one sentence that counts the instants with forces that are not finite; nothing if all are finite."""
+    """Yield one sentence that counts the instants with forces that are not finite; nothing if all are finite.
+    `arrays` are the forces by name.
+    """
     finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
     lost = int((~np.logical_and.reduce(finite)).sum())
     if lost:

@@ -260,7 +260,8 @@ class Scene(SampledScene):
         return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Compute the coordinates and their exact derivatives at any instants.
+        """Return (q, qd, qdd), the coordinates and their exact derivatives at any instants: tuples with one entry per
+        coordinate.
 
         Args:
             t: instants [s]; shape (...).
@@ -315,7 +316,7 @@ class Scene(SampledScene):
             yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
-        """Return the result at the instants `rows`; its known motion has derivatives up to `min_order` at least."""
+        """Return the SceneResult at the instants `rows`; its motion has derivatives at least up to `min_order`."""
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
         known_motion = self.motion.source.part(rows, max(order, min_order))

@@ -78,7 +78,9 @@ def _read_hinge_torque(table: Table, key: str) -> Any:
 
 
 def _read_load(table: Table, key: str, component_count: int) -> Any:
-    """Return a force or torque on a body: numbers, or a callable of (t, now), `now` being the state at t."""
+    """Return a load on a body: a list of numbers, or a callable of (t, now), where `now` is the state of the motion
+    at t. One component means a torque in the plane.
+    """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
         return (lambda t, now: torque(t, now.psi, now.psid)) if callable(torque) else torque

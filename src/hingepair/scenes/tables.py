@@ -102,7 +102,9 @@ class Table(NamedSource):
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, variables: str) -> Table:
-        """Return the list of a key as a Table with keys key[0], key[1], ...; refuse another length than `count`."""
+        """Return the list of a key as a Table with keys key[0], key[1], ...; refuse another length than `count`, with
+        the `variables` of its expressions in the message.
+        """
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
             self.fail(key, f"{('two', 'three')[count - 2]} numbers or expressions in {variables}")
@@ -143,7 +145,8 @@ class Table(NamedSource):
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the number of a key, or nested lists of numbers of a given shape, as exact SymPy expressions.
+        """Return the number of a key as an exact SymPy expression, or nested lists of these of the shape that further
+        arguments give; `symbolic_constants` stay symbols.
 
         Args:
             key: the key.
@@ -153,6 +156,7 @@ class Table(NamedSource):
         from hingepair.symbolic.exact_constants import exact
 
         def exactly(value: Any, number: Any) -> Any:
+            """Return the exact expression of a text or number, or nested lists of such; `number` is its float."""
             if isinstance(value, list):
                 return [exactly(*both) for both in zip(value, number, strict=True)]
             return (

@@ -172,7 +172,7 @@ class CrossValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """Result as one line: PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
+        """One line that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"

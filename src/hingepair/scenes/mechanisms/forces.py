@@ -166,7 +166,8 @@ def mechanism_scene_forces(
     record: Mapping[str, Any],
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
-    """Return the MechanismSceneForces of a motion; `record` has the arguments of a Record, `noise` a log's data.
+    """Return the MechanismSceneForces that a known motion requires. `record` has further arguments of a Record;
+    `noise`, if not None, estimates the noise of a log.
 
     Args:
         robot: the mechanism.

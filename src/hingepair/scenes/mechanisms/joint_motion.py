@@ -84,7 +84,9 @@ class KnownJointMotion:
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
     def arguments(self) -> tuple[Any, ...]:
-        """Return (q[, qd[, qdd]]) for methods of Mechanism: dicts by joint name; a float is a known constant."""
+        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: a dict by joint name each, in which a float is a
+        known constant.
+        """
         if not self.names:
             return tuple(np.zeros((self.count, 0)) for _ in self.derivatives)
         rows = [dict(zip(self.names, values, strict=True)) for values in self.derivatives]
@@ -212,7 +214,9 @@ class JointMotion:
         return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals that end at the instants start to stop - 1 and hold a kink of a function of t."""
+        """Count the intervals that end at the instants start to stop - 1 and hold a kink or a jump of a function of
+        t.
+        """
         t = self.t[max(start - 1, 0) : stop]
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for functions in self.functions:

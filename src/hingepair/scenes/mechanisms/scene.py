@@ -354,7 +354,9 @@ class MechanismScene(SampledScene):
     def _evaluate_rows(
         self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
     ) -> MechanismSceneResult:
-        """Return the result of outputs at the instants `rows`, its motion with derivatives to `min_order` or more."""
+        """Return the MechanismSceneResult of outputs at the instants `rows`; its motion has derivatives up to
+        `min_order` at least.
+        """
         levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
         options: dict[str, Any] = {"base_motion": known_motion.base, "backend": self.backend}
@@ -488,7 +490,8 @@ class MechanismScene(SampledScene):
         return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
-        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3), at its instants.
+        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return
+        MechanismSceneForces.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). That of the scene unless given.
