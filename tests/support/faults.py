@@ -221,7 +221,7 @@ FAULTS = {
     "weights of a derivative in the wrong place": Fault(
         "numeric/finite_differences.py",
         "weights.append((-ratio * before * c0",
-        "found.append((ratio * before * c0",
+        "weights.append((ratio * before * c0",
         "rotations/test_angular_velocity.py::test_reference_example_at_a_millisecond",
     ),
     # conventions
