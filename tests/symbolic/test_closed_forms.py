@@ -380,7 +380,7 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
     exec(hp.derive(found).to_python(outputs), namespace)
     result = found.evaluate(outputs)
     assert 1.0 in result.t
-    assert found.motion.kinks(0, found.samples) > 2
+    assert found.motion.count_kinks(0, found.samples) > 2
     for output in outputs:
         expected = getattr(result, output)
         assert np.isfinite(expected).all()
