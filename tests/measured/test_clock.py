@@ -128,6 +128,18 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
         hp.fit(body1, body2, t=t, clock_offset=100.0)
 
 
+@pytest.mark.parametrize("attitudes", [True, False], ids=["body", "point"])
+def test_a_known_offset_of_too_few_samples_is_refused(attitudes: bool) -> None:
+    """Seven samples cannot be moved in time; with one clock they need not be."""
+    t, body1, body2 = (part[:7] if isinstance(part, np.ndarray) else part for part in recorded(0.0, 700, rate=5.0))
+    body1, body2 = (hp.BodyMotion(R=body.R[:7], S=body.S[:7]) for body in (body1, body2))
+    body2 = body2 if attitudes else as_point(body2)
+    with pytest.raises(hp.ArgumentError, match="clock_offset: expected 0, or a body 2 with at least 8 samples"):
+        hp.fit(body1, body2, t=t, clock_offset=0.01)
+    assert hp.fit(body1, body2, t=t, clock_offset=0.0).std["clock_offset"] == 0
+    assert hp.fit(body1, body2, t=t).std["clock_offset"] == np.inf
+
+
 @pytest.mark.slow
 def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
     t, body1, body2 = recorded(10e-3)

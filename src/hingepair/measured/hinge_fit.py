@@ -467,9 +467,7 @@ def _fit_circle_of_point(
     """Fit a circle to a point of body 2. Return the CircleFit and the ClockedPoses that it is made of, None in
     place of these where the clock offset is 0 or not determined.
     """
-    clock = None
-    if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
-        clock = ClockedPoses(samples, loss)
+    clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
         return fit_circle(there, loss, gauge)._replace(offset=clock_offset), clock
@@ -479,6 +477,20 @@ def _fit_circle_of_point(
         if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
             return fitted, clock
     return fit_circle(poses, loss, gauge), None
+
+
+def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
+    """Return the ClockedPoses of the samples; None without instants, with a given clock offset of 0, or where body 2
+    has too few samples to be smoothed. Raise ArgumentError for these with another given offset.
+    """
+    if samples.t is None or clock_offset == 0:
+        return None
+    if ClockedPoses.possible(samples.t, samples.known2):
+        return ClockedPoses(samples, loss)
+    if clock_offset is not None:
+        expected = f"0, or a body 2 with at least {MIN_PIECE_SAMPLES} samples without a gap, to be moved in time"
+        raise ArgumentError("clock_offset", expected, clock_offset)
+    return None
 
 
 def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
@@ -525,9 +537,7 @@ def _most_likely(
     as 0 or is not determined by the motion.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
-    clock = None
-    if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
-        clock = ClockedPoses(samples, loss)
+    clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
         estimate = most_likely_hinge(there, start or closed_form_hinge(there.thinned(_MAX_CLOSED_FORM_SAMPLES)), loss)
