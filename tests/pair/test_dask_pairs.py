@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.pair import residuals
 from support.states import body1 as random_body
 from support.states import coordinates, generator
 from support.states import pair as random_pair
@@ -165,16 +166,109 @@ def test_a_pair_in_the_plane_gives_what_numpy_gives(name):
     check_same(FLAT_CALLS[name](Given([*map(chunked, plain.q)])), FLAT_CALLS[name](plain))
 
 
-def test_residuals_come_with_the_part_of_its_tolerance_that_each_sample_takes():
+RESIDUAL_ARRAYS = ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "psid", "tilt_acceleration", "psidd")
+
+
+def check_same_report(found, expected):
+    """Equal but for the last bits of sums over samples, and of what "auto" computes."""
+    assert (found.name, found.shape, found.skipped, found.u) == (
+        expected.name,
+        expected.shape,
+        expected.skipped,
+        expected.u,
+    )
+    assert len(found.rows) == len(expected.rows)
+    for row, other in zip(found.rows, expected.rows, strict=True):
+        for key, value in row._asdict().items():
+            wanted = getattr(other, key)
+            assert value == (pytest.approx(wanted, rel=1e-9, nan_ok=True) if type(wanted) is float else wanted), key
+    assert found.verdict == expected.verdict
+
+
+@pytest.mark.parametrize("timed", [False, True], ids=["without t", "with t"])
+def test_a_report_is_computed_when_it_is_asked_for(timed):
+    body = hp.BodyMotion(**{letter: np.array(getattr(BODY, letter)) for letter in LETTERS})
+    body.R.base[31] = np.nan
+    t = np.arange(COUNT) / 8 if timed else None
+    lazy = PAIR.residuals(lazy_body(body), lazy_body(OTHER), {"gap": 0.5}, t=t)
+    plain = PAIR.residuals(body, OTHER, {"gap": 0.5}, t=t)
+    assert plain.skipped == 1
+    assert str(lazy).startswith(
+        f"{PAIR.name}: two motions against the constraints, samples of shape (50,); not computed"
+    )
+    assert "report.compute(), or dask.compute(report), computes it; report.compute_summary() computes" in str(lazy)
+    assert repr(lazy).startswith("LazyResiduals(shape=(50,), not computed, outputs=(gap, tilt,")
+    for name in ("rows", "ok", "verdict", "skipped"):
+        with pytest.raises(AttributeError, match=rf"no '{name}' before it is computed: report.compute\(\)"):
+            getattr(lazy, name)
+    for name in RESIDUAL_ARRAYS:
+        array = getattr(lazy, name)
+        assert (array.dtype, array.shape, array.chunks[0]) == (np.float64, getattr(plain, name).shape, (20, 20, 10))
+    report = computed(lazy)
+    summary = lazy.compute_summary(scheduler="synchronous")
+    for found in (report, summary, lazy.compute(scheduler="synchronous")):
+        assert type(found) is type(plain)
+        check_same_report(found, plain)
+        assert found.rows[0].worst_time == (found.rows[0].worst_sample[0] / 8 if timed else None)
+    assert str(report).count("\n") == str(plain).count("\n")
+    for name in RESIDUAL_ARRAYS:
+        assert not getattr(report, name).flags.writeable
+        assert isinstance(getattr(summary, name), da.Array)
+        np.testing.assert_allclose(getattr(report, name), getattr(plain, name), rtol=1e-9, atol=1e-12)
+    assert report.unwrapped_psi().shape == (COUNT,)
+    with pytest.raises(hp.ArgumentError, match="psi: expected an array in memory"):
+        summary.unwrapped_psi()
+
+
+def test_chunks_of_a_report_are_merged_in_any_number_of_axes():
+    """The worst sample counts from the first of all, whatever the chunks."""
+    gap = np.zeros((6, 4, 3))
+    gap[4, 1, 0], gap[4, 2, 0], gap[5, 0, 1] = 2.0, 1.9, 1.8
+    gap[0, 3] = np.nan
+    still = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
+    S2 = PAIR.forward_kinematics_from_body1(still, 0.5).S2
+    R2 = PAIR.forward_kinematics_from_body1(still, 0.5).R2 - gap
+    t = np.array("2026-01-01", "M8[s]") + np.arange(24).reshape(6, 4)
+    plain = PAIR.residuals(still, hp.BodyMotion(R=R2, S=S2), {"gap": 1}, t=t)
+    assert plain.rows[0].worst_sample == (4, 1)
+    for chunks in ((4, 2, 3), (6, 4, 3), (1, 1, 3)):
+        other = hp.BodyMotion(R=da.from_array(R2, chunks=chunks), S=S2)
+        check_same_report(computed(PAIR.residuals(still, other, {"gap": 1}, t=t)), plain)
+    unknown = da.from_array(R2[:, 0], chunks=(2, 3))
+    unknown = unknown[da.from_array(np.arange(6) != 1, chunks=2)]
+    found = computed(PAIR.residuals(still, hp.BodyMotion(R=unknown, S=S2)))
+    assert (found.shape, found.rows[0].worst_sample) == ((5,), (4,))
+    none = hp.BodyMotion(R=da.full((6, 3), np.nan, chunks=(2, 3)), S=S2)
+    assert computed(PAIR.residuals(still, none)).verdict.startswith("NOTHING COMPARED: no finite sample of gap")
+    single = computed(PAIR.residuals(still, hp.BodyMotion(R=da.from_array(R2[4, 1]), S=S2)))
+    check_same_report(single, PAIR.residuals(still, hp.BodyMotion(R=R2[4, 1], S=S2)))
+
+
+def test_a_report_shares_the_task_of_each_chunk_with_its_arrays(monkeypatch):
+    calls, residual_arrays = [], residuals.residual_arrays
     lazy = PAIR.residuals(lazy_body(BODY), lazy_body(OTHER))
-    plain = PAIR.residuals(BODY, OTHER)
-    for name in ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "psidd"):
-        assert_close(computed(getattr(lazy, name)), getattr(plain, name))
-    assert computed(da.nanmax(lazy.ratio)) == pytest.approx(max(row.ratio for row in plain.rows), rel=1e-9)
-    with pytest.raises(hp.ArgumentError, match="t: expected None"):
-        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), t=np.arange(COUNT))
-    with pytest.raises(hp.ArgumentError, match=r"tolerances\['gap'\]: expected a positive number \[m\], got -1"):
-        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), {"gap": -1})
+    (kept,) = dask.persist(lazy, scheduler="synchronous")
+    assert type(kept) is type(lazy)
+    assert len(kept.gap.__dask_graph__()) == 3  # chunks
+    check_same_report(computed(kept), computed(lazy))
+    monkeypatch.setattr(residuals, "residual_arrays", lambda *given: calls.append(1) or residual_arrays(*given))
+    computed(lazy)
+    assert len(calls) == 3  # chunks
+    copy = pickle.loads(pickle.dumps(lazy))
+    assert computed(copy.ratio).tolist() == computed(lazy.ratio).tolist()
+
+
+def test_what_a_lazy_report_cannot_use_is_refused_at_once():
+    assert computed(da.nanmax(PAIR.residuals(lazy_body(BODY), lazy_body(OTHER)).ratio)) == pytest.approx(
+        max(row.ratio for row in PAIR.residuals(BODY, OTHER).rows), rel=1e-9
+    )
+    for options, message in (
+        ({"t": np.arange(7)}, r"t: expected instants that broadcast to the samples' shape \(50,\), got shape \(7,\)"),
+        ({"t": da.arange(COUNT)}, r"t: expected instants in memory, such as t.compute\(\), got a Dask Array"),
+        ({"tolerances": {"gap": -1}}, r"tolerances\['gap'\]: expected a positive number \[m\], got -1"),
+    ):
+        with pytest.raises(hp.ArgumentError, match=message):
+            PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), **options)
 
 
 def test_lazy_residuals_pass_where_those_of_numpy_arrays_do():

@@ -177,6 +177,8 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
             shape = np.broadcast_shapes(shape, other)
         except ValueError:
             raise ShapeError(name, f"leading shape that broadcasts with {shape}", f"shape {other}") from None
+        except TypeError:  # NaN, the size of a Dask array whose chunks have unknown sizes
+            return max(shapes.values(), key=len)
     return shape
 
 

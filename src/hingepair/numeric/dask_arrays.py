@@ -229,8 +229,7 @@ def over_chunks(
         if name in tails
     }
     axes = max(leaf.lead for leaf in leaves)
-    if not any(math.isnan(size) for leaf in leaves for size in leaf.array.shape):
-        broadcast_shape({leaf.name: leaf.array.shape[: leaf.lead] for leaf in leaves})
+    broadcast_shape({leaf.name: leaf.array.shape[: leaf.lead] for leaf in leaves})
     probe_options = options | ({"backend": "auto"} if "backend" in options else {})
     probe_options |= {} if index_name is None else {index_name: None}
     probe = (template_of or method)(**_filled(skeleton, [_made_up(leaf) for leaf in leaves]), **probe_options)

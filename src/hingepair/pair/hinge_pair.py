@@ -558,8 +558,9 @@ class HingePair(Shown):
         Returns:
             The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; and the arrays that it lists,
             `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.psi` (...,) rad and others. Samples that are not finite are
-            left out and counted. Of Dask arrays a `ResidualArrays`: these arrays, lazy, and `.ratio` (...,), the
-            largest residual / tolerance of each sample, of which `dask.array.nanmax` is the verdict: up to 1 passes.
+            left out and counted. Of Dask arrays a `LazyResiduals`: these arrays, lazy, and `.ratio` (...,), the
+            largest residual / tolerance of each sample. Its `.compute()` returns the `Residuals` in memory, and
+            `.compute_summary()` those whose arrays stay Dask arrays, for motions larger than memory.
 
         Raises:
             ArgumentError: also where a tolerance is of rates that the motions lack.
@@ -574,14 +575,14 @@ class HingePair(Shown):
         True
         """
         if holds_dask(body1, body2):
-            if t is not None:
-                expected = "None, since Dask arrays have no report with instants: .ratio judges each sample"
-                raise ArgumentError("t", expected, quoted(t))
-            lazy: Any = self._lazily(self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
+            arrays = self._lazily(self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
+            lazy: Any = residuals.lazy_residuals(arrays, self.name, body1, body2, tolerances, t)
             return lazy  # type: ignore[no-any-return]
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
-    def _residual_arrays(self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None) -> Any:
+    def _residual_arrays(
+        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
+    ) -> dict[str, NDArray[Any]]:
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
@@ -152,10 +155,12 @@ class Residuals(Frozen, Shown):
             axis: the axis of time.
 
         Raises:
-            ArgumentError: the samples have no such axis.
+            ArgumentError: the samples have no such axis, or psi is a Dask array.
         """
         if isinstance(axis, bool) or not isinstance(axis, int) or not -len(self.shape) <= axis < len(self.shape):
             raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", quoted(axis))
+        if holds_dask(self.psi):
+            raise ArgumentError("psi", "an array in memory, as in the report that compute() returns", "a Dask Array")
         psi = np.array(self.psi)
         rows = np.moveaxis(psi, axis, -1)
         for index in np.ndindex(rows.shape[:-1]):
@@ -233,33 +238,225 @@ _RESIDUAL_ARRAY_NAMES = (
 )
 
 
-class ResidualArrays(Results):
-    """Residuals of Dask arrays: those of `Residuals`, computed lazily, and the ratio of each sample to its
-    tolerances.
+class LazyResiduals(Results):
+    """Report on the residuals of Dask arrays that is not computed yet: the arrays of `Residuals` as Dask arrays.
 
-    What the motions do not hold is None. `ratio` is the largest residual / tolerance of each sample: up to 1 passes;
-    NaN where the motion is not finite. All samples pass if `dask.array.nanmax(arrays.ratio).compute() <= 1`.
+    `report.compute()`, or `dask.compute(report)`, returns the `Residuals` in memory. `report.compute_summary()`
+    returns `Residuals` whose rows and verdict are computed chunk by chunk, and whose arrays stay Dask arrays: for
+    motions larger than memory. What the motions do not hold is None. `ratio` is the largest residual / tolerance of
+    each sample: up to 1 passes; NaN where the motion is not finite.
 
     Attributes:
         shape: leading shape of the samples.
         outputs: names of the arrays.
+        name: the pair's.
+        t: instants of the samples; None where they were not given.
     """
 
-    __slots__ = (*_RESIDUAL_ARRAY_NAMES, "ratio")
+    __slots__ = (*_RESIDUAL_ARRAY_NAMES, "_summary", "_u", "name", "ratio", "t")
+
+    def __init__(
+        self, arrays: Mapping[str, Any], shape: tuple[int, ...], name: str, t: Any, u: float, summary: Any
+    ) -> None:
+        super().__init__(arrays, shape)
+        for key, value in {"name": name, "t": t, "_u": u, "_summary": summary}.items():
+            object.__setattr__(self, key, value)
+
+    def compute_summary(self, **options: Any) -> Residuals:
+        """Return the report with computed rows and verdict, and with the Dask arrays of this one.
+
+        Chunks are computed one by one and not kept. `options` are those of `dask.compute`.
+        """
+        import dask
+
+        (summary,) = dask.compute(self._summary, **options)
+        return _make_report(self.name, self.t, self._u, summary, self.arrays())
+
+    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        lazy = {**self.arrays(), "summary": self._summary}
+        return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _COMPUTED_ATTRIBUTE_NAMES:
+            expected = f"LazyResiduals has no {name!r} before it is computed: report.compute(), or of motions larger"
+            raise AttributeError(f"{expected} than memory report.compute_summary()", name=name, obj=self)
+        return super().__getattr__(name)  # type: ignore[misc]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.arrays(), self.shape, self.name, self.t, self._u, self._summary)
+
+    def __str__(self) -> str:
+        title = f"{self.name}: two motions against the constraints, samples of shape {self.shape}; not computed"
+        chunked = "report.compute_summary() computes the rows and the verdict chunk by chunk"
+        return f"{title}\nreport.compute(), or dask.compute(report), computes it; {chunked}"
+
+    def __repr__(self) -> str:
+        return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
+
+
+# Attributes of `Residuals` that a lazy report refuses.
+_COMPUTED_ATTRIBUTE_NAMES = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
+
+
+def lazy_residuals(
+    arrays: Mapping[str, Any],
+    name: str,
+    body1: BodyMotion,
+    body2: BodyMotion,
+    tolerances: Mapping[str, float] | None,
+    t: ArrayLike | None,
+) -> LazyResiduals:
+    """Return the LazyResiduals of two motions from the Dask arrays that `residual_arrays` names; compute nothing.
+
+    Raises:
+        ArgumentError: t is a Dask array, or does not broadcast to the samples.
+    """
+    from dask import delayed
+
+    if holds_dask(t):
+        raise ArgumentError("t", "instants in memory, such as t.compute()", f"a Dask {type(t).__name__}")
+    shape = arrays["psi"].shape
+    if t is not None and not any(math.isnan(size) for size in shape):
+        t = _broadcast_instants(t, shape)
+    blocks = {
+        key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARISON_ARRAY_NAMES
+    }
+    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_NAME_PREFIX + kind in blocks]
+    bases = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
+    grid = blocks[_SIZE_NAME_PREFIX + kinds[0]].shape
+    summaries = []
+    for index in np.ndindex(grid):
+        own = {
+            kind: (blocks[_SIZE_NAME_PREFIX + kind][index], blocks[_TOLERANCE_NAME_PREFIX + kind][index])
+            for kind in kinds
+        }
+        summaries.append(delayed(_summarize_chunk, pure=True)(own, bases))
+    summary = delayed(_merge_summaries, pure=True)(summaries, grid)
+    shown = {key: array for key, array in arrays.items() if key not in _COMPARISON_ARRAY_NAMES}
+    return LazyResiduals(shown, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary)
+
+
+class _ResidualSummary(NamedTuple):
+    """Summary of the residuals at some samples: a row for each residual, shape and number of skipped samples.
+
+    Attributes:
+        rows: comparison of each residual with its tolerance; indices count from the first of these samples;
+            without instants.
+        shape: leading shape of the samples.
+        skipped: samples of which at least one residual is not finite.
+    """
+
+    rows: tuple[ResidualCheck, ...]
+    shape: tuple[int, ...]
+    skipped: int
+
+
+def _summarize_chunk(
+    judged_arrays: Mapping[str, tuple[Float64Array, Float64Array]], bases: Mapping[str, str]
+) -> _ResidualSummary:
+    """Return the summary of one chunk from (sizes, tolerances) at every sample, by kind of residual."""
+    judged = {}
+    for kind, (sizes, tolerance) in judged_arrays.items():
+        judged[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), bases[kind])
+    return _summarize(judged)
+
+
+def _summarize(judged: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
+    """Return the summary of the comparisons of residuals with their tolerances, by kind of residual."""
+    is_finite = [comparison.is_finite for comparison in judged.values()]
+    rows = tuple(_worst_sample_check(kind, comparison) for kind, comparison in judged.items())
+    return _ResidualSummary(rows, is_finite[0].shape, int((~np.logical_and.reduce(is_finite)).sum()))
+
+
+def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
+    """Return the summary of all samples from those of their chunks, in C order of a grid of chunks."""
+    by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
+    starts = []  # of the chunks, along each axis
+    for axis, count in enumerate(grid_shape):
+        first_chunk = (0,) * len(grid_shape)
+        along = (by_index[(*first_chunk[:axis], k, *first_chunk[axis + 1 :])].shape[axis] for k in range(count))
+        starts.append([0, *itertools.accumulate(along)])
+    firsts = [tuple(starts[axis][k] for axis, k in enumerate(index)) for index in by_index]
+    pairs = list(zip(summaries, firsts, strict=True))
+    rows = tuple(
+        _merge_rows([_shift_worst_sample(one.rows[k], first) for one, first in pairs])
+        for k in range(len(summaries[0].rows))
+    )
+    return _ResidualSummary(rows, tuple(ends[-1] for ends in starts), sum(one.skipped for one in summaries))
+
+
+def _shift_worst_sample(row: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
+    """Return the row of a chunk, with the index of its worst sample counted from the first sample of all chunks."""
+    if row.worst_sample is None:
+        return row
+    return row._replace(worst_sample=tuple(i + j for i, j in zip(row.worst_sample, chunk_start, strict=True)))
+
+
+def _merge_rows(rows: Sequence[ResidualCheck]) -> ResidualCheck:
+    """Return one residual's row for all samples from its rows for the chunks."""
+    compared = [row for row in rows if row.samples]
+    if not compared:
+        return rows[0]
+    largest, samples = max(row.largest for row in compared), sum(row.samples for row in compared)
+    rms = largest
+    if 0 < largest < math.inf:
+        parts = (row.samples * (row.rms / largest) ** 2 for row in compared)  # squares stay in range
+        rms = largest * math.sqrt(math.fsum(parts) / samples)
+    worst = min(compared, key=lambda row: (-row.ratio, row.worst_sample))
+    return worst._replace(largest=largest, rms=rms, samples=samples)
+
+
+def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
+    """Return the report of its parts by name: `Residuals`, or LazyResiduals if they are Dask arrays."""
+    arrays = {key: value for key, value in values.items() if key != "summary"}
+    if holds_dask(arrays):
+        return LazyResiduals(arrays, arrays["psi"].shape, name, t, u, values["summary"])
+    arrays.pop("ratio")
+    return _make_report(name, t, u, values["summary"], arrays)
+
+
+def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
+    """Return the `Residuals` of a summary and of NumPy or Dask arrays; rows get the instants of worst samples."""
+    instants = None if t is None else _broadcast_instants(t, summary.shape)
+    rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
+    values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUAL_ARRAY_NAMES}
+    for key, array in values.items():
+        if array is not None and not holds_dask(array):
+            values[key] = read_only(np.asarray(array))
+    values |= {"shape": summary.shape, "skipped": summary.skipped, "u": u, "rows": rows}
+    return Residuals(name=name, t=instants, **values)
+
+
+def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
+    """Return the instant of a sample as a number, or of a clock as text; None without instants or without sample."""
+    if t is None or sample is None:
+        return None
+    return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
+
+
+_SIZE_NAME_PREFIX = "size of "  # of the name of the array of a residual's sizes
+_TOLERANCE_NAME_PREFIX = "tolerance of "  # of the name of the array of a residual's tolerances
+# Names of the arrays that judge residuals, which reports do not show.
+_COMPARISON_ARRAY_NAMES = {
+    prefix + kind for prefix in (_SIZE_NAME_PREFIX, _TOLERANCE_NAME_PREFIX) for kind in RESIDUAL_KIND_BY_NAME
+}
 
 
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-) -> ResidualArrays:
-    """Compute the ResidualArrays of two motions: residuals, hinge angle, and the largest residual / tolerance of each
-    sample.
+) -> dict[str, NDArray[Any]]:
+    """Return by name the arrays of residuals, hinge angle and its rates, ratio, sizes and tolerances of two motions.
+
+    `ratio` is the largest residual / tolerance of each sample. Sizes are -inf where the motion is not finite; sizes
+    and tolerances of each residual have shape (...,).
     """
     computed = _compute_residuals(pair, body1, body2, tolerances)
     ratio = np.full(computed.shape, -np.inf)
     for judged in computed.judged.values():
         ratio = np.maximum(ratio, judged.ratio)
-    ratio[ratio == -np.inf] = np.nan
-    return ResidualArrays({**computed.arrays, "ratio": ratio}, computed.shape)
+    judging = {_SIZE_NAME_PREFIX + kind: judged.sizes for kind, judged in computed.judged.items()}
+    judging |= {_TOLERANCE_NAME_PREFIX + kind: judged.tolerance for kind, judged in computed.judged.items()}
+    return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **judging}
 
 
 class _ResidualComparison(NamedTuple):
@@ -308,7 +505,7 @@ def _compute_residuals(
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
     arrays = _computable_arrays(pair, motions, shapes)
-    u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
+    u = _largest_unit_roundoff(array.dtype for array in motions.values())
     scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KIND_BY_NAME if kind in arrays])
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
     judged = {}
@@ -333,16 +530,38 @@ def _compare_residual(
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
-            basis, tolerance = "given", np.broadcast_to(tolerance_by_kind[kind], size.shape)
+            tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
         else:
-            basis = f"{RESIDUAL_BOUND_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
             tolerance = RESIDUAL_BOUND_ROUNDOFFS * np.maximum(
                 np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
             )
         sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
-        return _ResidualComparison(
-            sizes, tolerance, np.where(is_finite, sizes / tolerance, -np.inf), is_finite, basis
-        )
+    return _compare_sizes(sizes, tolerance, _tolerance_basis(kind, tolerance_by_kind))
+
+
+def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
+    """Return as text where the tolerance of a residual comes from: "given", or the formula of round-off."""
+    formula = f"{RESIDUAL_BOUND_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
+    return "given" if kind in tolerance_by_kind else formula
+
+
+def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
+    """Return the comparison of sizes with tolerances, sample by sample; sizes are -inf where no motion is finite."""
+    is_finite = sizes != -np.inf
+    with np.errstate(all="ignore"):
+        ratio = np.where(is_finite, sizes / tolerance, -np.inf)
+    return _ResidualComparison(sizes, tolerance, ratio, is_finite, basis)
+
+
+def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
+    """Return the unit roundoff of the least precise of some dtypes; integers count as float64."""
+    return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
+
+
+def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
+    """Return the dtypes of all arrays of motions."""
+    arrays = (getattr(body, letter) for body in bodies for letter in MOTION_SAMPLE_SHAPES)
+    return [array.dtype for array in arrays if array is not None]
 
 
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
@@ -379,15 +598,8 @@ def residuals(
     """Compute the Residuals of two motions: how far they violate this hinge, beside tolerances (E1, E2 and their
     derivatives).
     """
-    arrays, judged, shape, u = _compute_residuals(pair, body1, body2, tolerances)
-    instants = None if t is None else _broadcast_instants(t, shape)
-    rows = tuple(_worst_sample_check(kind, comparison, instants) for kind, comparison in judged.items())
-    left_out = np.zeros(shape, dtype=bool)
-    for comparison in judged.values():
-        left_out |= ~comparison.is_finite
-    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _RESIDUAL_ARRAY_NAMES}
-    facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": rows}
-    return Residuals(name=name, t=instants, **facts, **values)
+    arrays, judged, _, u = _compute_residuals(pair, body1, body2, tolerances)
+    return _make_report(name, t, u, _summarize(judged), arrays)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -401,8 +613,11 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
         raise ShapeError("t", wanted, f"shape {array.shape}") from None
 
 
-def _worst_sample_check(kind: str, comparison: _ResidualComparison, t: NDArray[Any] | None) -> ResidualCheck:
-    """Return the ResidualCheck of one residual, whose worst sample is that with the largest residual / tolerance."""
+def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
+    """Return the ResidualCheck of one residual, whose worst sample is that with the largest residual / tolerance.
+
+    Its instant is left None.
+    """
     label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
     sizes, tolerance, ratio, is_finite, basis = comparison
     if not is_finite.any():
@@ -424,7 +639,7 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison, t: NDArray[A
         float(tolerance[worst]),
         float(ratio[worst]),
         where,
-        None if t is None else t[where].item() if t.dtype.kind not in "mM" else str(t[where]),
+        None,
         int(is_finite.sum()),
         basis,
     )
