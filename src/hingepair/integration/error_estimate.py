@@ -43,14 +43,16 @@ A feature that is narrower than one of these, and than half a step, may lie betw
 """
 
 # Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
-_NODE_ROUNDING_FACTOR = 0.4
+_NODE_ROUNDING_ERROR_FACTOR = 0.4
 # First and last node of a step on [0, 1].
 _FIRST_AND_LAST_GAUSS_NODE = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
 _NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
 _STEP_END_OFFSET_FRACTION = 1e-4
 _INTERVALS_PER_CHUNK = 1 << 12  # intervals whose errors are measured at a time, in arrays of a megabyte or two
-_GOLDEN_FRACTION = 0.6180339887498949  # of the golden ratio; fractions of its multiples are spread evenly over [0, 1]
+_GOLDEN_RATIO_FRACTION = (
+    0.6180339887498949  # of the golden ratio; fractions of its multiples are spread evenly over [0, 1]
+)
 _JUMP_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
 _MIN_MEASURED_LENGTH_RATIO = 0.5  # of the longest step of a part: shorter ones are not measured for the part
 _CONSTANCY_CHECK_STEPS = 64  # steps in which a rate is compared to find out whether it is constant
@@ -107,7 +109,7 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
     parts = np.flatnonzero(first)
     shares = lengths / np.repeat(np.maximum.reduceat(lengths, parts), np.diff(parts, append=count))
     below = np.append(0.0, np.cumsum(np.where(shares < _MIN_MEASURED_LENGTH_RATIO, 0.0, shares ** (order + 1))))
-    chance = np.arange(1, len(parts) + 1) * _GOLDEN_FRACTION % 1.0
+    chance = np.arange(1, len(parts) + 1) * _GOLDEN_RATIO_FRACTION % 1.0
     sums = np.diff(below[np.append(parts, count)])
     return StepSample(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
 
@@ -388,6 +390,6 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
     node_noise = (
         0.0
         if isinstance(signal, SampledSignal)
-        else _NODE_ROUNDING_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
+        else _NODE_ROUNDING_ERROR_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
     return StepRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

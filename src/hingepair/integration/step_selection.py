@@ -44,7 +44,9 @@ _MIN_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are lef
 # Of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors.
 _ACCEPTED_SIZE_SUM_SHARE = 0.4
 _TARGET_SHARE, _ACCEPTED_SHARE = 0.6, 0.8  # of the tolerance: sum of errors that is aimed at, and that is accepted
-_TARGET_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
+_TARGET_BISECTION_COUNT = (
+    8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
+)
 _MAX_VECTOR_SUM_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
 _MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
@@ -152,7 +154,7 @@ def _next_part_counts(
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_SHARE * allowed:
             return np.ones(len(sizes), np.int64)
-        for _ in range(_TARGET_BISECTIONS):
+        for _ in range(_TARGET_BISECTION_COUNT):
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
             if (

@@ -29,7 +29,7 @@ from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
 # Keys that the file of a sweep may have.
-_SWEEP_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
+_SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
 _SCENE_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_DEFAULT_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
 _STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
@@ -104,7 +104,7 @@ def load_sweep(path: str | Path) -> Sweep:
     table = read_tables(path)
     if "scene" not in table.values and not _SCENE_TABLE_NAMES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
-    table.check_keys(_SWEEP_KEYS)
+    table.check_keys(_SWEEP_FILE_KEYS)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)
     design = table.choice("design", DESIGN_NAMES)
