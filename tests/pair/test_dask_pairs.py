@@ -396,10 +396,10 @@ def test_results_are_computed_whole():
 
 
 def test_what_is_sent_to_another_process_is_loaded_once():
-    from hingepair.numeric.dask_arrays import ChunkTask, loaded_task
+    from hingepair.numeric.dask_arrays import ChunkTask, load_chunk_task
 
     task = ChunkTask(PAIR.forward_kinematics, {}, {}, ("R2",))
-    loaded_task.cache_clear()
+    load_chunk_task.cache_clear()
     first, second = (pickle.loads(pickle.dumps(task)) for _ in range(2))
     assert first is second
     assert first.method.__self__.n.tolist() == PAIR.n.tolist()

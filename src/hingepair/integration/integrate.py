@@ -41,7 +41,7 @@ from hingepair.numeric.arrays import (
     vectors,
 )
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.dask_arrays import holds_dask, lazy_data, over_chunks
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.evaluate import STATE_CLASS_BY_KIND, compute_state
@@ -445,10 +445,12 @@ def _integrate_lazily(
     if isinstance(R1, tuple) and len(R1) and np.ndim(R1[0]) > 0:
         tails["R1"] = [_shape_of_one(part, len(t), point) for part in R1]
     arguments = {"pair": pair, "t": t, **motion_arguments, **other_arguments}
-    arrays = over_chunks(
-        _integrate_chunk, arguments, tails, template_of=_trajectory_template, index_name="first_motion"
+    arrays = apply_to_chunks(
+        _integrate_chunk, arguments, tails, template_function=_trajectory_template, first_index_name="first_motion"
     )
-    errors = over_chunks(_estimate_errors, arguments, tails, template_of=_error_template, index_name="first_motion")
+    errors = apply_to_chunks(
+        _estimate_errors, arguments, tails, template_function=_error_template, first_index_name="first_motion"
+    )
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
@@ -459,7 +461,7 @@ def _integrate_lazily(
 
 def _shape_of_one(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the shape of an argument of one motion: that of one value, or of values at 1 or at all instants."""
-    shape = tuple(getattr(lazy_data(value), "shape", ()))
+    shape = tuple(getattr(unwrap_lazy_xarray(value), "shape", ()))
     if shape == value_shape:
         return value_shape
     is_constant = shape[len(shape) - 1 - len(value_shape) :] == (1, *value_shape)

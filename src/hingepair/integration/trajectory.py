@@ -16,7 +16,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
-from hingepair.numeric.dask_arrays import DaskCollection, holds_dask, over_chunks
+from hingepair.numeric.dask_arrays import DaskCollection, apply_to_chunks, holds_dask
 from hingepair.numeric.tables import instant_text
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
@@ -255,7 +255,7 @@ class Trajectory(_TrajectoryBase):
         if S1 is not None:
             return S1
         if holds_dask(self.quat_wxyz):
-            return over_chunks(quaternions_to_matrices, {"quat_wxyz": self.quat_wxyz}, {"quat_wxyz": (4,)})
+            return apply_to_chunks(quaternions_to_matrices, {"quat_wxyz": self.quat_wxyz}, {"quat_wxyz": (4,)})
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:

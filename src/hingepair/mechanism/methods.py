@@ -30,7 +30,7 @@ from hingepair.mechanism.states import (
 )
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
-from hingepair.numeric.dask_arrays import holds_dask, over_chunks
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion
@@ -270,7 +270,7 @@ class MechanismMethods(Shown):
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
             loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
-            return over_chunks(self.error_bounds, arguments, tails, self._table_columns)
+            return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
         accepted_names = (*_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
         names = self._requested_outputs(outputs, level, None, accepted_names)
@@ -887,7 +887,7 @@ class MechanismMethods(Shown):
         }
         (key,) = (key for key, cached in self._constants.cache.items() if cached is computation)
         options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
-        return over_chunks(
+        return apply_to_chunks(
             functools.partial(self._run_chunk, key, load_labels), arguments | options, tails, self._table_columns
         )
 

@@ -22,60 +22,61 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, broadcast_shape, real_array
 
 Returned = TypeVar("Returned")
-Tail: TypeAlias = tuple[int, ...]
-Tails: TypeAlias = Mapping[str, Any]
-"""Shape of one sample by argument; of an argument with attributes, a mapping of theirs."""
+SampleShape: TypeAlias = tuple[int, ...]
+"""Shape of one sample of an array."""
+SampleShapeByArgument: TypeAlias = Mapping[str, Any]
+"""Shape of one sample by argument; of an object, a mapping with the shapes of its attributes."""
 
-_MAX_LOADED_FUNCTIONS: Final = 64  # of other processes that a worker keeps, with what they have compiled
+_MAX_CACHED_CHUNK_TASKS: Final = 64  # tasks of other processes that a worker keeps, with the kernels they compiled
 
 
 def holds_dask(*values: Any) -> bool:
-    """Return whether an argument is, or holds, a Dask array; also in a tuple, a mapping, a motion, xarray or a table.
-
-    Costs nothing where Dask is not loaded.
+    """Return whether any of the values is or contains a Dask array or data frame, in tuples, mappings, motions or
+    xarray objects too. It takes no time while Dask is not imported.
     """
-    return "dask" in sys.modules and any(map(_holds_dask, values))
+    return "dask" in sys.modules and any(map(_contains_dask, values))
 
 
-def _holds_dask(value: Any) -> bool:
-    """Return whether a value is, or holds at any depth, a lazy array or data frame of Dask."""
+def _contains_dask(value: Any) -> bool:
+    """Return whether a value is, or contains at any depth, a Dask array or data frame."""
     if value is None or type(value) in {np.ndarray, float, int}:
         return False
     if isinstance(value, Frozen):
-        return any(_holds_dask(getattr(value, one.name, None)) for one in fields(value))  # type: ignore[arg-type]
+        return any(_contains_dask(getattr(value, one.name, None)) for one in fields(value))  # type: ignore[arg-type]
     if isinstance(value, Mapping):
-        return any(map(_holds_dask, value.values()))
+        return any(map(_contains_dask, value.values()))
     if isinstance(value, tuple | list):
-        return any(map(_holds_dask, value))
-    return _is_array(value) or _is_table(value)
+        return any(map(_contains_dask, value))
+    return _is_dask_array(value) or _is_dask_table(value)
 
 
-def lazy_data(value: Any) -> Any:
-    """Return the Dask array that an xarray object holds; anything else as it is."""
-    if type(value).__module__.partition(".")[0] == "xarray" and _is_array(getattr(value, "data", None)):
+def unwrap_lazy_xarray(value: Any) -> Any:
+    """Return the Dask array in an xarray object that holds one, and any other value unchanged."""
+    if type(value).__module__.partition(".")[0] == "xarray" and _is_dask_array(getattr(value, "data", None)):
         return value.data
     return value
 
 
-def _is_array(value: Any) -> bool:
+def _is_dask_array(value: Any) -> bool:
     arrays: Any = sys.modules.get("dask.array")
     value = value.data if type(value).__module__.partition(".")[0] == "xarray" else value
     return arrays is not None and isinstance(value, arrays.Array)
 
 
-def _is_table(value: Any) -> bool:
+def _is_dask_table(value: Any) -> bool:
     return type(value).__module__.startswith("dask.dataframe") and hasattr(value, "columns")
 
 
 class DaskCollection:
-    """Base class of results that `dask.compute` and `dask.persist` take whole where their arrays are Dask arrays."""
+    """Base class of results whose arrays may be Dask arrays: `dask.compute` and `dask.persist` then take a result as
+    one collection, and return a result of the same class.
+    """
 
     __slots__ = ()
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the Dask arrays by name, and a function that makes the result of other arrays of these names.
-
-        The function can be pickled, and holds no Dask array.
+        """Return (arrays, make_result): the Dask arrays by name, and a function that returns the result with other
+        arrays in their place. The function can be pickled, and holds no Dask array.
         """
         raise NotImplementedError
 
@@ -83,9 +84,9 @@ class DaskCollection:
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
-        """Return the result with NumPy arrays, all computed by Dask in one go; `options` are those of `dask.compute`.
+        """Return the result with NumPy arrays, which Dask computes together; return itself if it has no Dask arrays.
 
-        A result that holds no Dask arrays is returned as it is.
+        `options` are those of `dask.compute`.
         """
         if not self._dask_arrays():
             return self
@@ -127,201 +128,221 @@ class DaskCollection:
         return get(*arguments, **options)
 
     def __dask_postcompute__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        arrays, rebuild = self._dask_parts()
+        arrays, make_result = self._dask_parts()
         finalizers = [array.__dask_postcompute__() for array in arrays.values()]
-        return _finalize_parts, (tuple(arrays), finalizers, rebuild)
+        return _make_computed_result, (tuple(arrays), finalizers, make_result)
 
     def __dask_postpersist__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        arrays, rebuild = self._dask_parts()
+        arrays, make_result = self._dask_parts()
         rebuilders = [(array.__dask_keys__(), *array.__dask_postpersist__()) for array in arrays.values()]
-        return _rebuild_persisted, (tuple(arrays), rebuilders, rebuild)
+        return _make_persisted_result, (tuple(arrays), rebuilders, make_result)
 
 
-def _finalize_parts(
-    results: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], rebuild: Callable[..., Any]
+def _make_computed_result(
+    blocks_by_array: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], make_result: Callable[..., Any]
 ) -> Any:
-    """Return a result of the computed blocks of each of its arrays."""
-    parts = zip(results, finalizers, strict=True)
+    """Return the result of a collection that was computed: join the blocks of each array, and call `make_result`."""
+    parts = zip(blocks_by_array, finalizers, strict=True)
     arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
-    return rebuild(dict(zip(names, arrays, strict=True)))
+    return make_result(dict(zip(names, arrays, strict=True)))
 
 
-def _rebuild_persisted(
+def _make_persisted_result(
     graph: Mapping[Any, Any],
     names: Sequence[str],
     rebuilders: Sequence[Any],
-    rebuild: Callable[..., Any],
+    make_result: Callable[..., Any],
     **options: Any,
 ) -> Any:
-    """Return a result of Dask arrays whose blocks are in a graph of computed tasks."""
+    """Return the result of a collection that was persisted: make Dask arrays of the computed blocks in `graph`, and
+    call `make_result`.
+    """
     from dask.core import flatten
 
     arrays = []
     for keys, make, arguments in rebuilders:
-        own = {key: graph[key] for key in flatten(keys) if key in graph}
-        arrays.append(make(own or graph, *arguments, **options))
-    return rebuild(dict(zip(names, arrays, strict=True)))
+        blocks = {key: graph[key] for key in flatten(keys) if key in graph}
+        arrays.append(make(blocks or graph, *arguments, **options))
+    return make_result(dict(zip(names, arrays, strict=True)))
 
 
-class _Place(NamedTuple):
-    """Position of a numbered array among the arguments."""
+class _ArrayIndex(NamedTuple):
+    """Index that stands for an array in an argument template: that of the array among the chunked arguments."""
 
-    number: int
-
-
-class _Attributes(NamedTuple):
-    """An argument by its attributes, and its class."""
-
-    kind: type
-    values: Mapping[str, Any]
+    value: int
 
 
-class _Leaf(NamedTuple):
-    """An array among the arguments: its name for messages, itself, and the shape of one sample."""
+class _ObjectTemplate(NamedTuple):
+    """Template of an argument that is an object: its class, and its attributes with indices in place of arrays."""
+
+    object_class: type
+    attributes: Mapping[str, Any]
+
+
+class _ChunkedArgument(NamedTuple):
+    """Dask array among the arguments of a call: its name for messages, the array, and the shape of one sample."""
 
     name: str
     array: Any
-    tail: Tail
+    sample_shape: SampleShape
 
     @property
-    def lead(self) -> int:
-        """The number of axes of samples."""
-        return int(self.array.ndim) - len(self.tail)
+    def num_sample_axes(self) -> int:
+        """Number of leading axes, those of the samples."""
+        return int(self.array.ndim) - len(self.sample_shape)
 
 
-def over_chunks(
+def apply_to_chunks(
     method: Callable[..., Returned],
     arguments: Mapping[str, Any],
-    tails: Tails,
+    sample_shapes: SampleShapeByArgument,
     column_names_of: Callable[[str, Any], Sequence[str]] | None = None,
-    template_of: Callable[..., Any] | None = None,
-    index_name: str | None = None,
+    template_function: Callable[..., Any] | None = None,
+    first_index_name: str | None = None,
 ) -> Returned:
-    """Return the results of a method for Dask arrays as lazy Dask arrays, to be computed chunk by chunk.
+    """Return the result of a method for arguments with Dask arrays, as the method returns it but with lazy Dask
+    arrays: one task computes each chunk, when Dask is asked for it.
 
-    The result is of the method's own kind. The method runs on one made-up sample, which shows what it returns and
-    refuses what it cannot use, and then in each chunk, as one task. Axes of samples may be chunked in any way;
-    the axes of one sample are made one chunk.
+    The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
+    cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
 
     Args:
         method: a function, or a method of something that can be pickled; takes the arguments by name.
         arguments: by name: arrays of Dask or NumPy, numbers, None, xarray objects, tables, tuples of components, or
             values with attributes that are such.
-        tails: shape of one sample by argument; those not named are options, the same for all chunks. In a tuple or a
-            mapping the first axis of the sample is that of its parts; of a tuple also a list of the shapes of its
-            parts.
+        sample_shapes: shape of one sample by argument; the other arguments are options, the same for all chunks. In
+            a tuple or a mapping the first axis of the sample is that of its parts; of a tuple also a list of the
+            shapes of its parts.
         column_names_of: function of the argument's name and an empty table; returns the columns to take, in order.
-        template_of: function of the same arguments that returns what the method would for one sample, as far as
-            shapes and dtypes go; the method itself unless given.
-        index_name: name of an argument of the method that gets the index of the chunk's first sample, a tuple, or
-            None where sizes of chunks are not known.
+        template_function: function of the same arguments that is called with the made-up sample in place of the
+            method, and returns arrays of the same shapes and dtypes.
+        first_index_name: name of an argument of the method that gets the index of the chunk's first sample, a tuple;
+            None where the sizes of chunks are not known.
 
     Raises:
         ArgumentError: what the method refuses, `out` that is not None, or arrays that do not broadcast.
     """
-    options = {name: value for name, value in arguments.items() if name not in tails}
+    options = {name: value for name, value in arguments.items() if name not in sample_shapes}
     if options.get("out") is not None:
         raise ArgumentError("out", "None, since Dask makes its own arrays", quoted(options["out"]))
-    leaves: list[_Leaf] = []
-    skeleton = {
-        name: _skeleton(name, value, tails[name], leaves, column_names_of)
+    chunked_arguments: list[_ChunkedArgument] = []
+    templates = {
+        name: _replace_arrays(name, value, sample_shapes[name], chunked_arguments, column_names_of)
         for name, value in arguments.items()
-        if name in tails
+        if name in sample_shapes
     }
-    axes = max(leaf.lead for leaf in leaves)
-    broadcast_shape({leaf.name: leaf.array.shape[: leaf.lead] for leaf in leaves})
+    num_axes = max(argument.num_sample_axes for argument in chunked_arguments)
+    broadcast_shape(
+        {argument.name: argument.array.shape[: argument.num_sample_axes] for argument in chunked_arguments}
+    )
     probe_options = options | ({"backend": "auto"} if "backend" in options else {})
-    probe_options |= {} if index_name is None else {index_name: None}
-    probe = (template_of or method)(**_filled(skeleton, [_made_up(leaf) for leaf in leaves]), **probe_options)
-    parts = _result_arrays(probe)
-    lazy = {name: part for name, part in parts.items() if np.shape(part)[:axes] == (1,) * axes}
-    task = ChunkTask(method, skeleton, options, tuple(lazy), index_name)
-    arrays = _lazy_arrays(task, leaves, axes, lazy)
-    shape = next(iter(arrays.values())).shape[:axes] if arrays else ()
-    found: Returned = _rebuilt(probe, parts | arrays, shape)
-    return found
+    probe_options |= {} if first_index_name is None else {first_index_name: None}
+    probe = (template_function or method)(
+        **_fill_in_arrays(templates, [_placeholder_sample(argument) for argument in chunked_arguments]),
+        **probe_options,
+    )
+    parts = _arrays_by_name(probe)
+    lazy = {name: part for name, part in parts.items() if np.shape(part)[:num_axes] == (1,) * num_axes}
+    task = ChunkTask(method, templates, options, tuple(lazy), first_index_name)
+    arrays = _make_lazy_arrays(task, chunked_arguments, num_axes, lazy)
+    shape = next(iter(arrays.values())).shape[:num_axes] if arrays else ()
+    result: Returned = _with_arrays(probe, parts | arrays, shape)
+    return result
 
 
-def _skeleton(
-    name: str, value: Any, tail: Any, leaves: list[_Leaf], column_names_of: Callable[[str, Any], Sequence[str]] | None
+def _replace_arrays(
+    name: str,
+    value: Any,
+    sample_shape: Any,
+    chunked_arguments: list[_ChunkedArgument],
+    column_names_of: Callable[[str, Any], Sequence[str]] | None,
 ) -> Any:
-    """Return an argument with its arrays replaced by their places among the leaves."""
-    value = lazy_data(value)
+    """Return the template of an argument: with an `_ArrayIndex` in place of each array that has chunks; append these
+    arrays, as Dask arrays, to `chunked_arguments`.
+    """
+    value = unwrap_lazy_xarray(value)
     if isinstance(value, Frozen):
-        own = {one.name: getattr(value, one.name) for one in fields(value) if one.name in tail}  # type: ignore[arg-type]
+        attributes = {one.name: getattr(value, one.name) for one in fields(value) if one.name in sample_shape}  # type: ignore[arg-type]
         parts = {
-            key: _skeleton(f"{name}.{key}", part, tail[key], leaves, column_names_of) for key, part in own.items()
+            key: _replace_arrays(f"{name}.{key}", part, sample_shape[key], chunked_arguments, column_names_of)
+            for key, part in attributes.items()
         }
-        return _Attributes(type(value), parts)
+        return _ObjectTemplate(type(value), parts)
     if isinstance(value, Mapping):
-        return {key: _skeleton(f"{name}[{key!r}]", v, tail[1:], leaves, column_names_of) for key, v in value.items()}
-    if isinstance(value, tuple) and (isinstance(tail, list) or _holds_dask(value)):
-        part_tails = tail if isinstance(tail, list) else [tail[1:]] * len(value)
+        return {
+            key: _replace_arrays(f"{name}[{key!r}]", v, sample_shape[1:], chunked_arguments, column_names_of)
+            for key, v in value.items()
+        }
+    if isinstance(value, tuple) and (isinstance(sample_shape, list) or _contains_dask(value)):
+        part_shapes = sample_shape if isinstance(sample_shape, list) else [sample_shape[1:]] * len(value)
         return tuple(
-            _skeleton(f"{name}[{i}]", v, part_tails[i], leaves, column_names_of) for i, v in enumerate(value)
+            _replace_arrays(f"{name}[{i}]", v, part_shapes[i], chunked_arguments, column_names_of)
+            for i, v in enumerate(value)
         )
-    if _is_table(value):
+    if _is_dask_table(value):
         if column_names_of is None:
             raise ArgumentError(name, "a Dask array, since a table has no meaning here", quoted(type(value).__name__))
         value = value[list(column_names_of(name, value._meta))].to_dask_array()
-    if _is_array(value):
-        array = _check_dask_array(name, value, tail)
-    elif value is None or isinstance(value, str | bool | int | float) or np.ndim(value) <= len(tail):
+    if _is_dask_array(value):
+        array = _check_and_rechunk(name, value, sample_shape)
+    elif value is None or isinstance(value, str | bool | int | float) or np.ndim(value) <= len(sample_shape):
         return value
     else:
         import dask.array
 
-        array = _check_dask_array(name, dask.array.from_array(real_array(name, value)), tail)
-    leaves.append(_Leaf(name, array, tail))
-    return _Place(len(leaves) - 1)
+        array = _check_and_rechunk(name, dask.array.from_array(real_array(name, value)), sample_shape)
+    chunked_arguments.append(_ChunkedArgument(name, array, sample_shape))
+    return _ArrayIndex(len(chunked_arguments) - 1)
 
 
-def _check_dask_array(name: str, array: Any, tail: Tail) -> Any:
-    """Return a Dask array whose samples are of one chunk; refuse another shape or type of number."""
-    lead = array.ndim - len(tail)
-    if lead < 0 or tuple(array.shape[lead:]) != tail:
-        expected = f"shape (..., {', '.join(map(str, tail))})" if tail else "shape (...)"
+def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
+    """Return a Dask array rechunked so that no sample is divided; refuse other shapes of samples and other dtypes."""
+    num_axes = array.ndim - len(sample_shape)
+    if num_axes < 0 or tuple(array.shape[num_axes:]) != sample_shape:
+        expected = f"shape (..., {', '.join(map(str, sample_shape))})" if sample_shape else "shape (...)"
         raise ShapeError(name, expected, f"shape {array.shape}")
     if array.dtype.kind not in "iu" and array.dtype not in {np.dtype(np.float64), np.dtype(np.float32)}:
         raise DtypeError(name, "real numbers (float64, float32 or integers)", str(array.dtype))
-    split = {axis: -1 for axis in range(lead, array.ndim) if array.numblocks[axis] > 1}
-    return array.rechunk(split) if split else array
+    new_chunks = {axis: -1 for axis in range(num_axes, array.ndim) if array.numblocks[axis] > 1}
+    return array.rechunk(new_chunks) if new_chunks else array
 
 
-def _made_up(leaf: _Leaf) -> NDArray[Any]:
-    """Return one sample of an array: ones, or where it may be a rotation the identity."""
-    sample = np.eye(3) if leaf.tail == (3, 3) else np.ones(leaf.tail)
-    return sample.astype(leaf.array.dtype).reshape((1,) * leaf.lead + leaf.tail)
+def _placeholder_sample(argument: _ChunkedArgument) -> NDArray[Any]:
+    """Return one sample to call a method with: the identity in place of a 3 x 3 matrix, and ones for other shapes."""
+    sample = np.eye(3) if argument.sample_shape == (3, 3) else np.ones(argument.sample_shape)
+    return sample.astype(argument.array.dtype).reshape((1,) * argument.num_sample_axes + argument.sample_shape)
 
 
-def _filled(skeleton: Any, arrays: Sequence[NDArray[Any]]) -> Any:
-    """Return an argument with arrays at their places."""
-    if isinstance(skeleton, _Place):
-        return arrays[skeleton.number]
-    if isinstance(skeleton, _Attributes):
-        return skeleton.kind(**{key: _filled(part, arrays) for key, part in skeleton.values.items()})
-    if isinstance(skeleton, Mapping):
-        return {key: _filled(part, arrays) for key, part in skeleton.items()}
-    if type(skeleton) is tuple:
-        return tuple(_filled(part, arrays) for part in skeleton)
-    return skeleton
+def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
+    """Return the argument of a template: with the arrays in place of their indices."""
+    if isinstance(template, _ArrayIndex):
+        return arrays[template.value]
+    if isinstance(template, _ObjectTemplate):
+        return template.object_class(
+            **{key: _fill_in_arrays(part, arrays) for key, part in template.attributes.items()}
+        )
+    if isinstance(template, Mapping):
+        return {key: _fill_in_arrays(part, arrays) for key, part in template.items()}
+    if type(template) is tuple:
+        return tuple(_fill_in_arrays(part, arrays) for part in template)
+    return template
 
 
-def _result_arrays(result: Any) -> dict[str, Any]:
-    """Return the arrays of a result by name; of one array, itself."""
+def _arrays_by_name(result: Any) -> dict[str, Any]:
+    """Return the arrays of a result by name; of a result that is one array, under the name ""."""
     if hasattr(result, "arrays"):
-        found: dict[str, Any] = result.arrays()
-        return found
+        arrays: dict[str, Any] = result.arrays()
+        return arrays
     if isinstance(result, tuple):
         return dict(zip(type(result)._fields, result, strict=True))  # type: ignore[attr-defined]
     if isinstance(result, Frozen):
-        own = {one.name: getattr(result, one.name) for one in fields(result)}  # type: ignore[arg-type]
-        return {name: value for name, value in own.items() if value is not None}
+        attributes = {one.name: getattr(result, one.name) for one in fields(result)}  # type: ignore[arg-type]
+        return {name: value for name, value in attributes.items() if value is not None}
     return dict(result) if isinstance(result, Mapping) else {"": result}
 
 
-def _rebuilt(result: Any, arrays: Mapping[str, Any], shape: Tail) -> Any:
-    """Return a result of the same kind, of other arrays."""
+def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> Any:
+    """Return a result of the same class with other arrays by name; `shape` is the leading shape of the samples."""
     if hasattr(result, "arrays"):
         return type(result)(arrays, shape)
     if isinstance(result, tuple | Frozen):
@@ -331,26 +352,26 @@ def _rebuilt(result: Any, arrays: Mapping[str, Any], shape: Tail) -> Any:
 
 @dataclass(eq=False)
 class ChunkTask:
-    """Computation of one chunk.
+    """Callable that computes the result arrays of one chunk; a process that gets it as bytes unpickles it once.
 
     Attributes:
         method: a function of the arguments and options by name.
-        skeleton: the arguments, with places for the arrays.
+        templates: the arguments by name, with array indices in place of arrays.
         options: other arguments.
-        names: of the results that differ from sample to sample.
-        index_name: name of the argument that gets the index of the chunk's first sample, if there is one.
+        output_names: names of the results that differ from sample to sample.
+        first_index_name: name of the argument that gets the index of the chunk's first sample, if there is one.
     """
 
     method: Callable[..., Any]
-    skeleton: Mapping[str, Any]
+    templates: Mapping[str, Any]
     options: Mapping[str, Any]
-    names: tuple[str, ...]
-    index_name: str | None = None
+    output_names: tuple[str, ...]
+    first_index_name: str | None = None
 
     @functools.cached_property
     def pickled(self) -> bytes:
-        """The task as bytes, by which Dask knows it."""
-        values = (self.method, self.skeleton, self.options, self.names, self.index_name)
+        """The task pickled; Dask derives its names of equal tasks from the bytes."""
+        values = (self.method, self.templates, self.options, self.output_names, self.first_index_name)
         try:
             return pickle.dumps(values)
         except (pickle.PicklingError, AttributeError, TypeError):  # a callable that has no name in a module
@@ -361,68 +382,103 @@ class ChunkTask:
         return self.pickled
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return loaded_task, (self.pickled,)
+        return load_chunk_task, (self.pickled,)
 
-    def __call__(self, block: tuple[int, ...], slices: tuple[slice, ...] | None, *blocks: Any) -> Any:
-        """Return the arrays of one chunk: a tuple, or the only one; `slices` are its range of all samples."""
+    def __call__(self, chunk_index: tuple[int, ...], slices: tuple[slice, ...] | None, *blocks: Any) -> Any:
+        """Return the result arrays of one chunk as a tuple, or the only array.
+
+        Args:
+            chunk_index: index of the chunk, for messages.
+            slices: range of the chunk among all samples, by axis; None where sizes of chunks are not known.
+            blocks: the arrays of the chunk.
+        """
         first = None if slices is None else tuple(one.start for one in slices)
-        options = {**self.options, **({} if self.index_name is None else {self.index_name: first})}
+        options = {**self.options, **({} if self.first_index_name is None else {self.first_index_name: first})}
         try:
-            result = self.method(**_filled(self.skeleton, [_only_array(own) for own in blocks]), **options)
+            result = self.method(
+                **_fill_in_arrays(self.templates, [_unwrap_block(block) for block in blocks]), **options
+            )
         except ArgumentError as error:
-            raise type(error)(f"chunk {block}: {error.name}", error.expected, error.got) from None
+            raise type(error)(f"chunk {chunk_index}: {error.name}", error.expected, error.got) from None
         except Exception as error:
-            error.add_note(f"in chunk {block}")
+            error.add_note(f"in chunk {chunk_index}")
             raise
-        parts = _result_arrays(result)
-        arrays = tuple(np.asarray(parts[name]) for name in self.names)
+        parts = _arrays_by_name(result)
+        arrays = tuple(np.asarray(parts[name]) for name in self.output_names)
         return arrays if len(arrays) > 1 else arrays[0]
 
 
-@functools.lru_cache(maxsize=_MAX_LOADED_FUNCTIONS)
-def loaded_task(pickled: bytes) -> ChunkTask:
-    """Return a task that another process sent; the same one for all of its chunks."""
+@functools.lru_cache(maxsize=_MAX_CACHED_CHUNK_TASKS)
+def load_chunk_task(pickled: bytes) -> ChunkTask:
+    """Return the task of pickled bytes; equal bytes give the same task, which keeps the kernels that it compiled."""
     return ChunkTask(*pickle.loads(pickled))
 
 
-def _only_array(block: Any) -> NDArray[Any]:
-    """Return the only array in nested lists, as Dask gives what has axes that the results lack."""
-    while isinstance(block, list):
-        (block,) = block
-    return np.asarray(block)
+def _unwrap_block(nested_block: Any) -> NDArray[Any]:
+    """Return the only array in nested lists, as Dask passes blocks of arrays with axes that the results lack."""
+    while isinstance(nested_block, list):
+        (nested_block,) = nested_block
+    return np.asarray(nested_block)
 
 
-def _lazy_arrays(task: ChunkTask, leaves: Sequence[_Leaf], axes: int, samples: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the results as Dask arrays, from those of one sample, which show their shape and dtype."""
+def _make_lazy_arrays(
+    task: ChunkTask, chunked_arguments: Sequence[_ChunkedArgument], num_axes: int, result_samples: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return by name the lazy arrays that a task computes chunk by chunk; `result_samples` are results of one sample,
+    which show shapes and dtypes.
+    """
     from dask.array import blockwise
     from dask.array.core import unify_chunks
     from dask.layers import ArrayBlockIdDep, ArraySliceDep
 
-    lead = tuple(range(axes))
-    own_axes = itertools.count(axes)  # names of the axes of one sample, which no two arrays share
-    indices = [(*lead[axes - leaf.lead :], *itertools.islice(own_axes, len(leaf.tail))) for leaf in leaves]
-    pairs = zip((leaf.array for leaf in leaves), indices, strict=True)
+    sample_axes = tuple(range(num_axes))
+    inner_axes = itertools.count(num_axes)  # numbers of the axes of one sample, which no two arrays share
+    indices = [
+        (
+            *sample_axes[num_axes - argument.num_sample_axes :],
+            *itertools.islice(inner_axes, len(argument.sample_shape)),
+        )
+        for argument in chunked_arguments
+    ]
+    pairs = zip((argument.array for argument in chunked_arguments), indices, strict=True)
     chunks_of, arrays = unify_chunks(*itertools.chain.from_iterable(pairs))
-    chunks = tuple(chunks_of[axis] for axis in lead)
+    chunks = tuple(chunks_of[axis] for axis in sample_axes)
     is_known = not any(math.isnan(size) for sizes in chunks for size in sizes)
-    ranges = (ArraySliceDep(chunks), lead) if is_known else (None, None)
-    inputs = itertools.chain((ArrayBlockIdDep(chunks), lead), ranges, *zip(arrays, indices, strict=True))
-    how: dict[str, Any] = {"align_arrays": False, "token": getattr(task.method, "__name__", "hingepair").strip("_")}
-    if len(samples) > 1:
-        none = np.empty((0,) * axes, object)
-        packed = blockwise(task, lead, *inputs, dtype=object, meta=none, **how)
-    found = {}
-    for place, (name, sample) in enumerate(samples.items()):
-        tail = np.shape(sample)[axes:]
-        behind = tuple(itertools.islice(own_axes, len(tail)))
-        shape: dict[str, Any] = {"new_axes": dict(zip(behind, tail, strict=True)), "dtype": sample.dtype}
-        shape["meta"] = np.empty((0,) * (axes + len(tail)), sample.dtype)
-        if len(samples) > 1:
-            found[name] = blockwise(_take_array, (*lead, *behind), packed, lead, place, None, **shape, **how)
+    ranges = (ArraySliceDep(chunks), sample_axes) if is_known else (None, None)
+    inputs = itertools.chain((ArrayBlockIdDep(chunks), sample_axes), ranges, *zip(arrays, indices, strict=True))
+    common_options: dict[str, Any] = {
+        "align_arrays": False,
+        "token": getattr(task.method, "__name__", "hingepair").strip("_"),
+    }
+    if len(result_samples) > 1:
+        meta = np.empty((0,) * num_axes, object)
+        packed = blockwise(task, sample_axes, *inputs, dtype=object, meta=meta, **common_options)
+    lazy_arrays = {}
+    for position, (name, sample) in enumerate(result_samples.items()):
+        sample_shape = np.shape(sample)[num_axes:]
+        own_inner_axes = tuple(itertools.islice(inner_axes, len(sample_shape)))
+        array_options: dict[str, Any] = {
+            "new_axes": dict(zip(own_inner_axes, sample_shape, strict=True)),
+            "dtype": sample.dtype,
+        }
+        array_options["meta"] = np.empty((0,) * (num_axes + len(sample_shape)), sample.dtype)
+        if len(result_samples) > 1:
+            lazy_arrays[name] = blockwise(
+                _take_array,
+                (*sample_axes, *own_inner_axes),
+                packed,
+                sample_axes,
+                position,
+                None,
+                **array_options,
+                **common_options,
+            )
         else:
-            found[name] = blockwise(task, (*lead, *behind), *inputs, **shape, **how)
-    return found
+            lazy_arrays[name] = blockwise(
+                task, (*sample_axes, *own_inner_axes), *inputs, **array_options, **common_options
+            )
+    return lazy_arrays
 
 
-def _take_array(arrays: tuple[NDArray[Any], ...], place: int) -> NDArray[Any]:
-    return arrays[place]
+def _take_array(arrays: tuple[NDArray[Any], ...], position: int) -> NDArray[Any]:
+    return arrays[position]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
-from hingepair.numeric.dask_arrays import holds_dask, lazy_data
+from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
 MOTION_SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
@@ -70,7 +70,7 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> None:
         array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
-        array_by_name = {name: lazy_data(value) for name, value in array_by_name.items()}
+        array_by_name = {name: unwrap_lazy_xarray(value) for name, value in array_by_name.items()}
         if S is not None and not holds_dask(array_by_name) and library_of(array_by_name) is None:
             array_by_name["S"] = vectors("S", S, 3, 3)
             check_rotation("S", array_by_name["S"])

@@ -14,7 +14,7 @@ from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
-from hingepair.numeric.dask_arrays import holds_dask, over_chunks
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
@@ -142,7 +142,7 @@ class HingePair(Shown):
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
         check_single_pair(self, " beside Dask arrays")
-        return over_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
+        return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
 
     def forward_kinematics(
         self,

@@ -14,7 +14,7 @@ from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
-from hingepair.numeric.dask_arrays import holds_dask, over_chunks
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
@@ -108,7 +108,7 @@ class PlanarPair(Shown):
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
         check_single_pair(self, " beside Dask arrays")
-        return over_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT, kinematics.planar_columns)
+        return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT, kinematics.planar_columns)
 
     def forward_kinematics(
         self,

@@ -12,7 +12,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, Named, components_of, hinge_terms, tabulate, tabulate_one
-from hingepair.numeric.dask_arrays import holds_dask, over_chunks
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
@@ -116,7 +116,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
            [ 0.,  0.,  1.]])
     """
     if holds_dask(rotvec):
-        return over_chunks(rotation_exp, {"rotvec": rotvec}, {"rotvec": (3,)})
+        return apply_to_chunks(rotation_exp, {"rotvec": rotvec}, {"rotvec": (3,)})
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
@@ -223,7 +223,7 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
         RotationError: a quaternion is zero.
     """
     if holds_dask(quat):
-        return over_chunks(
+        return apply_to_chunks(
             quaternion_to_matrix, {"name": name, "quat": quat, "scalar_first": scalar_first}, {"quat": (4,)}
         )
     quaternions = vectors(name, quat, 4)
