@@ -18,23 +18,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm_ir import INTEGERS_PER_TABLE_ROW
+from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
-_TYPE_OFFSET_BYTES: Final = 8  # the type of any object
+_OBJECT_TYPE_OFFSET_BYTES: Final = 8  # the type of any object
 _FLOAT_VALUE_OFFSET_BYTES: Final = 16  # the number of a float
-_DATA_ADDRESS_OFFSET_BYTES: Final = 16  # the address of an array's first element
-_RANK_OFFSET_BYTES: Final = 24  # the number of an array's axes
-_SHAPE_ADDRESS_OFFSET_BYTES: Final = 32  # the address of an array's shape
-_STRIDES_ADDRESS_OFFSET_BYTES: Final = 40  # the address of an array's strides
-_DTYPE_OFFSET_BYTES: Final = 56  # the dtype of an array
-_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
-_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
+_ARRAY_DATA_ADDRESS_OFFSET_BYTES: Final = 16  # the address of an array's first element
+_ARRAY_RANK_OFFSET_BYTES: Final = 24  # the number of an array's axes
+_ARRAY_SHAPE_ADDRESS_OFFSET_BYTES: Final = 32  # the address of an array's shape
+_ARRAY_STRIDES_ADDRESS_OFFSET_BYTES: Final = 40  # the address of an array's strides
+_ARRAY_DTYPE_OFFSET_BYTES: Final = 56  # the dtype of an array
+_ARRAY_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
+_ARRAY_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
 
-MAX_SAMPLE_RANK: Final = 3
+MAX_RANK_OF_ONE_SAMPLE: Final = 3
 """Largest number of axes of one sample that the code reads; calls with more axes go through Python."""
 
-_INTEGERS_PER_ARGUMENT: Final = 3 + MAX_SAMPLE_RANK
+_DESCRIPTOR_INTEGERS_PER_ARGUMENT: Final = 3 + MAX_RANK_OF_ONE_SAMPLE
 """Number of integers that describe an argument: row of the kernel's table, rank, components, lengths of axes."""
 
 _read_pointer: Final = ctypes.c_void_p.from_address  # reads the pointer at an address
@@ -42,7 +42,9 @@ _read_pointer: Final = ctypes.c_void_p.from_address  # reads the pointer at an a
 
 @functools.cache
 def knows_array_layout() -> bool:
-    """Return whether floats and NumPy arrays have the memory layout that this module reads."""
+    """Return whether floats and NumPy arrays have the memory layout that this module reads. The first call compares a
+    float and an array with the layout; the answer is cached.
+    """
     if (
         sys.implementation.name != "cpython"
         or sys.byteorder != "little"
@@ -53,24 +55,26 @@ def knows_array_layout() -> bool:
     pointer, integer = _read_pointer, ctypes.c_int64.from_address
     start = id(probe)
     return (
-        pointer(start + _TYPE_OFFSET_BYTES).value == id(np.ndarray)
-        and pointer(start + _DATA_ADDRESS_OFFSET_BYTES).value == probe.ctypes.data
-        and ctypes.c_int32.from_address(start + _RANK_OFFSET_BYTES).value == 2
-        and [integer((pointer(start + _SHAPE_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
+        pointer(start + _OBJECT_TYPE_OFFSET_BYTES).value == id(np.ndarray)
+        and pointer(start + _ARRAY_DATA_ADDRESS_OFFSET_BYTES).value == probe.ctypes.data
+        and ctypes.c_int32.from_address(start + _ARRAY_RANK_OFFSET_BYTES).value == 2
+        and [integer((pointer(start + _ARRAY_SHAPE_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
         == [2, 3]
-        and [integer((pointer(start + _STRIDES_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
+        and [
+            integer((pointer(start + _ARRAY_STRIDES_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)
+        ]
         == [24, 8]
-        and pointer(start + _DTYPE_OFFSET_BYTES).value == id(probe.dtype)
-        and ctypes.c_int32.from_address(start + _FLAGS_OFFSET_BYTES).value == probe.flags.num
+        and pointer(start + _ARRAY_DTYPE_OFFSET_BYTES).value == id(probe.dtype)
+        and ctypes.c_int32.from_address(start + _ARRAY_FLAGS_OFFSET_BYTES).value == probe.flags.num
         and ctypes.c_double.from_address(id(0.5) + _FLOAT_VALUE_OFFSET_BYTES).value == 0.5
         and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _FLOAT_VALUE_OFFSET_BYTES).value == x
     )
 
 
 def data_address(array: NDArray[Any]) -> int:
-    """Return the address in memory of an array's first element."""
+    """Return the address in memory of an array's first element, as an integer."""
     if knows_array_layout():  # `array.ctypes` takes as long as a kernel takes for 100 samples
-        return _read_pointer(id(array) + _DATA_ADDRESS_OFFSET_BYTES).value or 0
+        return _read_pointer(id(array) + _ARRAY_DATA_ADDRESS_OFFSET_BYTES).value or 0
     return int(array.ctypes.data)
 
 
@@ -82,7 +86,9 @@ def call_descriptor(
     kernel: int,
     min_unlocked_samples: int,
 ) -> list[int]:
-    """Return a list of integers that tells the code of `call_ir` which kernel to call, with what arguments.
+    """Return the list of integers from which the machine code of `call_ir` learns which kernel to call, how many
+    arguments to expect, and how each argument is laid out. From `min_unlocked_samples` samples on, the machine code
+    releases the interpreter's lock (GIL).
 
     Args:
         inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that
@@ -101,7 +107,7 @@ def call_descriptor(
         len(inputs),
         len(rows),
         int(has_constants),
-        group_count * INTEGERS_PER_TABLE_ROW,
+        group_count * INTEGERS_PER_KERNEL_TABLE_ROW,
         min_unlocked_samples,
     ]
     for sample_shape, row in rows:
@@ -110,19 +116,20 @@ def call_descriptor(
             len(sample_shape),
             math.prod(sample_shape),
             *sample_shape,
-            *(0,) * (MAX_SAMPLE_RANK - len(sample_shape)),
+            *(0,) * (MAX_RANK_OF_ONE_SAMPLE - len(sample_shape)),
         ]
     return integers
 
 
-_FIRST_ARGUMENT_INDEX: Final = 6  # index of the first integer that describes an argument
+_FIRST_ARGUMENT_DESCRIPTOR_INDEX: Final = 6  # index of the first integer that describes an argument
 
 # The instruction of LLVM that calls the kernel.
-_RUN_KERNEL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
+_LLVM_KERNEL_CALL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
 
 
 def call_ir() -> str:
-    """Return the LLVM module, as text, of the built-in function that calls any kernel with arrays.
+    """Return the LLVM module, as text, of the function `call`, which Python calls with arrays and which runs a kernel
+    on them.
 
     The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
     ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch
@@ -139,7 +146,7 @@ declare void @PyEval_RestoreThread(ptr)
 
 define ptr @call(ptr %self, ptr %arguments, i64 %given) {{
 entry:
-  %numbers.field = getelementptr i8, ptr %self, i64 {_DATA_ADDRESS_OFFSET_BYTES}
+  %numbers.field = getelementptr i8, ptr %self, i64 {_ARRAY_DATA_ADDRESS_OFFSET_BYTES}
   %numbers = load ptr, ptr %numbers.field
   %kernel = load ptr, ptr %numbers
   %inputs.field = getelementptr i64, ptr %numbers, i64 1
@@ -152,7 +159,7 @@ entry:
   %fields = load i64, ptr %fields.field
   %long.field = getelementptr i64, ptr %numbers, i64 5
   %long_call = load i64, ptr %long.field
-  %layouts = getelementptr i64, ptr %numbers, i64 {_FIRST_ARGUMENT_INDEX}
+  %layouts = getelementptr i64, ptr %numbers, i64 {_FIRST_ARGUMENT_DESCRIPTOR_INDEX}
   %expected = add i64 %count, 2
   %complete = icmp eq i64 %given, %expected
   br i1 %complete, label %constants, label %no
@@ -169,7 +176,7 @@ constants:
   %no_constants = icmp eq i64 %constant, 0
   br i1 %no_constants, label %read, label %first
 first:
-  %constants.field = getelementptr i8, ptr %constants.object, i64 {_DATA_ADDRESS_OFFSET_BYTES}
+  %constants.field = getelementptr i8, ptr %constants.object, i64 {_ARRAY_DATA_ADDRESS_OFFSET_BYTES}
   %constants.data = load i64, ptr %constants.field
   store i64 %constants.data, ptr %table
   %table1 = getelementptr i64, ptr %table, i64 1
@@ -189,11 +196,11 @@ run:
   br i1 %long, label %release, label %keep
 release:
   %thread = call ptr @PyEval_SaveThread()
-  {_RUN_KERNEL_INSTRUCTION}
+  {_LLVM_KERNEL_CALL_INSTRUCTION}
   call void @PyEval_RestoreThread(ptr %thread)
   br label %written
 keep:
-  {_RUN_KERNEL_INSTRUCTION}
+  {_LLVM_KERNEL_CALL_INSTRUCTION}
   br label %written
 written:
   br i1 %fresh, label %freeze, label %yes
@@ -201,9 +208,9 @@ freeze:
   %k = phi i64 [%inputs, %written], [%k.next, %freeze]
   %array.field = getelementptr ptr, ptr %arguments, i64 %k
   %array = load ptr, ptr %array.field
-  %flags.field = getelementptr i8, ptr %array, i64 {_FLAGS_OFFSET_BYTES}
+  %flags.field = getelementptr i8, ptr %array, i64 {_ARRAY_FLAGS_OFFSET_BYTES}
   %flags = load i32, ptr %flags.field
-  %flags.after = and i32 %flags, {~_WRITEABLE_FLAG_MASK}
+  %flags.after = and i32 %flags, {~_ARRAY_WRITEABLE_FLAG_MASK}
   store i32 %flags.after, ptr %flags.field
   %k.next = add i64 %k, 1
   %k.more = icmp slt i64 %k.next, %count
@@ -226,7 +233,8 @@ no:
 
 
 def _read_arguments_ir() -> str:
-    """Return the LLVM code of `read_arguments`, which fills in a kernel's table from the attributes of arrays.
+    """Return the LLVM code, as text, of the function `read_arguments`. That function checks the arguments and writes
+    their addresses and strides into a kernel's table.
 
     The function reads the arguments in order, inputs first. It returns the number of samples (1 for a single state);
     -1 where an argument is not supported; and -1 - n where the inputs are a batch of n samples but the outputs have
@@ -247,7 +255,7 @@ argument:
 look:
   %object.field = getelementptr ptr, ptr %arguments, i64 %a
   %object = load ptr, ptr %object.field
-  %layout.place = mul i64 %a, {_INTEGERS_PER_ARGUMENT}
+  %layout.place = mul i64 %a, {_DESCRIPTOR_INTEGERS_PER_ARGUMENT}
   %layout = getelementptr i64, ptr %layouts, i64 %layout.place
   %row = load i64, ptr %layout
   %rank.field = getelementptr i64, ptr %layout, i64 1
@@ -257,7 +265,7 @@ look:
   %scalar = icmp eq i64 %rank, 0
   %output = icmp sge i64 %a, %inputs
   %input = xor i1 %output, true
-  %type.field = getelementptr i8, ptr %object, i64 {_TYPE_OFFSET_BYTES}
+  %type.field = getelementptr i8, ptr %object, i64 {_OBJECT_TYPE_OFFSET_BYTES}
   %type = load i64, ptr %type.field
   %is_array = icmp eq i64 %type, {id(np.ndarray)}
   br i1 %is_array, label %head, label %number
@@ -271,18 +279,18 @@ number:
   %value = ptrtoint ptr %value.field to i64
   br i1 %number_fits, label %placed, label %no
 head:
-  %axes.field = getelementptr i8, ptr %object, i64 {_RANK_OFFSET_BYTES}
+  %axes.field = getelementptr i8, ptr %object, i64 {_ARRAY_RANK_OFFSET_BYTES}
   %axes.short = load i32, ptr %axes.field
   %axes = sext i32 %axes.short to i64
-  %dtype.field = getelementptr i8, ptr %object, i64 {_DTYPE_OFFSET_BYTES}
+  %dtype.field = getelementptr i8, ptr %object, i64 {_ARRAY_DTYPE_OFFSET_BYTES}
   %dtype = load i64, ptr %dtype.field
-  %flags.field = getelementptr i8, ptr %object, i64 {_FLAGS_OFFSET_BYTES}
+  %flags.field = getelementptr i8, ptr %object, i64 {_ARRAY_FLAGS_OFFSET_BYTES}
   %flags = load i32, ptr %flags.field
-  %shape.field = getelementptr i8, ptr %object, i64 {_SHAPE_ADDRESS_OFFSET_BYTES}
+  %shape.field = getelementptr i8, ptr %object, i64 {_ARRAY_SHAPE_ADDRESS_OFFSET_BYTES}
   %shape = load ptr, ptr %shape.field
-  %strides.field = getelementptr i8, ptr %object, i64 {_STRIDES_ADDRESS_OFFSET_BYTES}
+  %strides.field = getelementptr i8, ptr %object, i64 {_ARRAY_STRIDES_ADDRESS_OFFSET_BYTES}
   %strides = load ptr, ptr %strides.field
-  %data.field = getelementptr i8, ptr %object, i64 {_DATA_ADDRESS_OFFSET_BYTES}
+  %data.field = getelementptr i8, ptr %object, i64 {_ARRAY_DATA_ADDRESS_OFFSET_BYTES}
   %data = load i64, ptr %data.field
   %lead = sub i64 %axes, %rank
   %lead_fits = icmp ult i64 %lead, 2
@@ -299,7 +307,7 @@ smaller:
   %answer = select i1 %too_small, i64 %wanted_length, i64 -1
   ret i64 %answer
 writable:
-  %flag = and i32 %flags, {_WRITEABLE_FLAG_MASK}
+  %flag = and i32 %flags, {_ARRAY_WRITEABLE_FLAG_MASK}
   %has_flag = icmp ne i32 %flag, 0
   %writes = or i1 %has_flag, %input
   br i1 %writes, label %tail, label %no
@@ -379,7 +387,7 @@ placed:
   %taken = icmp sge i64 %row, 0
   br i1 %taken, label %write, label %next
 write:
-  %row.place = mul i64 %row, {INTEGERS_PER_TABLE_ROW}
+  %row.place = mul i64 %row, {INTEGERS_PER_KERNEL_TABLE_ROW}
   %row.at = getelementptr i64, ptr %table, i64 %row.place
   store i64 %at, ptr %row.at
   %row.outer = getelementptr i64, ptr %row.at, i64 1

@@ -23,9 +23,9 @@ _SHARED_CODE_COMPILE_SECONDS = (
 _COMPILE_SECONDS_PER_KERNEL = 0.025  # for each kernel
 _COMPILE_SECONDS_PER_OPERATION = 5e-5  # for each operation of a kernel
 # Seconds that an operation takes without a kernel beyond the time that it takes with one.
-_NUMPY_EXTRA_SECONDS_PER_CALL = 4.5e-7  # for each call by NumPy
-_NUMPY_EXTRA_SECONDS_PER_SAMPLE = 7.5e-10  # for each sample of a call by NumPy
-_PYTHON_EXTRA_SECONDS_PER_STATE = 1.5e-8  # for one state in Python
+_NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_CALL = 4.5e-7  # for each call by NumPy
+_NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_SAMPLE = 7.5e-10  # for each sample of a call by NumPy
+_PYTHON_SECONDS_OVER_KERNEL_PER_OPERATION = 1.5e-8  # for one state in Python
 
 _compiles_at_first_call: ContextVar[bool] = ContextVar("_compiles_at_first_call", default=False)
 _kernels_disabled = False
@@ -33,7 +33,7 @@ _shared_code_compiled = False
 
 
 class Execution(NamedTuple):
-    """Execution policy of a call: its backend and its number of threads.
+    """Execution policy of a call: the backend that computes it, and the number of threads (at least 1).
 
     Attributes:
         backend: one of ACCEPTED_BACKENDS.
@@ -45,7 +45,8 @@ class Execution(NamedTuple):
 
 
 def execution_of(backend: str, workers: int) -> Execution:
-    """Check the arguments `backend` and `workers`, and return them as an `Execution`.
+    """Check the arguments `backend` and `workers`, and return them as an `Execution`. Raises an error if one of them
+    is not accepted; -1 workers are replaced by the number of cores.
 
     Args:
         backend: one of ACCEPTED_BACKENDS.
@@ -66,7 +67,9 @@ def execution_of(backend: str, workers: int) -> Execution:
 
 @functools.lru_cache(maxsize=64)
 def _cached_execution(backend: str, workers: int) -> Execution:
-    """Return the execution policy for a number of workers that is -1 or positive; check the backend's name."""
+    """Check the backend's name, and return the cached `Execution` for a number of workers that is positive, or -1 for
+    all cores. Raises an error if the backend is unknown.
+    """
     check_choice("backend", backend, ACCEPTED_BACKENDS)
     return Execution(backend, workers if workers > 0 else _core_count())
 
@@ -77,7 +80,8 @@ def _core_count() -> int:
 
 
 class BreakEvenCounter:
-    """Counter of the time that calls have lost without a kernel; it tells when compiling one has reached break-even.
+    """Counter of the estimated seconds that calls have lost because a kernel is not compiled yet. It tells when the
+    loss has reached the time of compiling the kernel.
 
     A kernel is compiled once the time lost without it equals the time of compiling it (the break-even rule of the
     ski-rental problem). Whatever calls come, their time is at most twice that of the better backend in hindsight, and
@@ -106,32 +110,41 @@ class BreakEvenCounter:
         return _COMPILE_SECONDS_PER_KERNEL + _COMPILE_SECONDS_PER_OPERATION * self.operations + first
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
-        """Count a call by NumPy, and return whether compiling a kernel pays from now on.
+        """Add the estimated loss of one call by NumPy, and return whether compiling a kernel pays from now on. In a
+        scan, `chain_length` is the number of samples per chain, which NumPy computes one after the other.
 
         Args:
             samples: number of samples of the call.
             chain_length: number of samples of each chain of a scan, which NumPy computes one after the other.
         """
-        seconds = chain_length * _NUMPY_EXTRA_SECONDS_PER_CALL + samples * _NUMPY_EXTRA_SECONDS_PER_SAMPLE
+        seconds = (
+            chain_length * _NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_CALL
+            + samples * _NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_SAMPLE
+        )
         self.seconds_without_kernel += self.operations_and_stores * seconds
         return self._kernel_pays()
 
     def count_state_call(self) -> bool:
-        """Count a call of one state in Python, and return whether compiling a kernel pays from now on."""
-        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_EXTRA_SECONDS_PER_STATE
+        """Add the estimated loss of one call for a single state in Python, and return whether compiling a kernel pays
+        from now on.
+        """
+        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_SECONDS_OVER_KERNEL_PER_OPERATION
         return self._kernel_pays()
 
     def _kernel_pays(self) -> bool:
-        """Return whether the time lost has reached the time of compiling, and kernels can be had."""
+        """Return whether a kernel should be compiled: the time lost has reached the time of compiling or
+        `compile_at_first_call` is active, and kernels are not disabled.
+        """
         reached = self.seconds_without_kernel >= self.seconds_to_compile or _compiles_at_first_call.get()
         return reached and not _kernels_disabled
 
 
 @contextlib.contextmanager
 def compile_at_first_call() -> Iterator[None]:
-    """Make the backend "auto" compile at the first call within a `with` block, whatever was called before.
+    """Make the backend "auto" compile a kernel at the first call within a `with` block (context manager). Earlier
+    calls do not count. It holds for the calling thread only.
 
-    So results do not depend on earlier calls. This holds in the calling thread, until the block is left.
+    So results do not depend on earlier calls.
     """
     token = _compiles_at_first_call.set(True)
     try:
@@ -141,13 +154,17 @@ def compile_at_first_call() -> Iterator[None]:
 
 
 def mark_shared_code_compiled() -> None:
-    """Record that the code which all kernels share has been compiled: each further kernel costs less."""
+    """Record for this process that the code which all kernels share is compiled, so that the estimated time of
+    compiling a kernel is shorter from now on.
+    """
     global _shared_code_compiled  # noqa: PLW0603 (there is one process)
     _shared_code_compiled = True
 
 
 def disable_kernels(error: Exception) -> None:
-    """Warn once that kernels cannot be compiled, and let the backend "auto" request none from now on."""
+    """Stop the backend "auto" from compiling kernels in this process. The first call issues a RuntimeWarning that
+    quotes the error.
+    """
     global _kernels_disabled  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
     if not _kernels_disabled:
         _kernels_disabled = True

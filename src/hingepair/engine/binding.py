@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.array_reader import data_address
 from hingepair.engine.llvm_builder import LANES
-from hingepair.engine.llvm_ir import INTEGERS_PER_TABLE_ROW
+from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
 
 ArrayShape: TypeAlias = tuple[int, ...]
 NamedShapes: TypeAlias = tuple[tuple[str, ArrayShape], ...]
@@ -34,7 +34,8 @@ _FOLDED_NUMBERS: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
 
 
 class BoundInputs(NamedTuple):
-    """The inputs of a loop, sorted into known numbers, constants and arrays.
+    """The inputs of a loop, sorted into a pattern with the folded numbers, a list of constants, and a list of arrays
+    that vary by sample.
 
     Attributes:
         pattern: the source of each component of each input.
@@ -48,7 +49,8 @@ class BoundInputs(NamedTuple):
 
 
 class BoundConstant(NamedTuple):
-    """An input that is the same at all samples, bound once for many calls.
+    """An input that is equal at all samples, with its pattern and its constants. It is bound once and serves many
+    calls.
 
     Attributes:
         value: the input itself: a number, a tuple of numbers, or an array.
@@ -62,7 +64,7 @@ class BoundConstant(NamedTuple):
 
 
 def bind_constant(name: str, sample_shape: ArrayShape, value: Any) -> Any:
-    """Return an input of one sample as a `BoundConstant`; return an input of more samples unchanged."""
+    """Return an input of one sample as a `BoundConstant`; return an input of more than one sample unchanged."""
     bound = bind(((name, sample_shape),), {name: value})
     return value if bound.arrays else BoundConstant(value, bound.pattern, tuple(bound.constants))
 
@@ -73,7 +75,8 @@ def bind(
     carried_names: frozenset[str] = frozenset(),
     keep_single_samples: bool = False,
 ) -> BoundInputs:
-    """Return the inputs of a loop sorted into known numbers, constants and arrays that vary by sample.
+    """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
+    `BoundInputs`. The inputs in `carried_names` are the values that a scan carries.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.
@@ -87,7 +90,9 @@ def bind(
     array_index_by_id: dict[int, int] = {}
 
     def bind_number(x: float) -> None:
-        """Append the source of a component that is a number: the number itself if it folds, else a new constant."""
+        """Append a numeric component to the lists of `bind`: to the pattern the number itself if it folds, else None
+        and the number to the constants.
+        """
         known = _FOLDED_NUMBERS.get(x)
         pattern.append(known)
         if known is None:
@@ -129,9 +134,10 @@ def bind(
 
 
 def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
-    """Return pattern, constants and arrays of inputs that are numbers and arrays of another library.
+    """Return (pattern, constants, arrays) of inputs that are numbers or arrays of another library. Each of the arrays
+    is one component.
 
-    They are sorted as by `bind`.
+    The inputs are sorted by the rules of `bind`.
 
     Returns:
         The pattern, the constants, and the arrays, each of which is one component.
@@ -156,7 +162,9 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
 
 
 def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[NDArray[Any]]:
-    """Yield views of an array whose last axis holds all components: one view, or several where one cannot be."""
+    """Yield views of an array in which the last axis holds the components: one view if all components fit into one,
+    else several views.
+    """
     if not sample_shape:
         yield array[..., None]
     elif len(sample_shape) == 1:
@@ -171,7 +179,8 @@ def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[N
 
 
 class ArrayLayout(NamedTuple):
-    """The strides by which a kernel reads and writes arrays along two axes of samples; further axes take more calls.
+    """The lengths, strides [bytes] and offsets [bytes] by which a kernel steps through its arrays along two axes of
+    samples, an outer and an inner one. Each combination of indices along further axes is one more call of the kernel.
 
     Attributes:
         outer_length: number of samples along the outer axis.
@@ -190,13 +199,14 @@ ShapeAndStrides: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape an
 
 
 def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides, ...]:
-    """Return the shapes and strides of arrays, from which their layout follows."""
+    """Return a tuple of (shape, strides) of arrays, which `layout_of` takes."""
     return tuple((array.shape, array.strides) for array in arrays)
 
 
 @functools.lru_cache(maxsize=512)
 def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
-    """Return the layout by which a kernel steps through arrays that broadcast to the samples; cached.
+    """Return the cached `ArrayLayout` of arrays that broadcast to the shape of the samples. Each of `array_forms` is
+    the pair (shape, strides [bytes]) of an array.
 
     The inner axis is the longest axis, or the last axis of chains; the outer axis is the longest of the others.
 
@@ -226,16 +236,18 @@ def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], 
 
 
 def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return an array's strides [bytes] along the axes of the samples; 0 where the array is broadcast."""
+    """Return a tuple with an array's stride [bytes] along each axis of the samples; the stride is 0 where the array
+    is broadcast. `array_form` is the pair (shape, strides).
+    """
     lengths, strides = array_form
     own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
     return (0,) * (len(shape) - len(own_axes)) + own_axes
 
 
 def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Merge neighbouring axes that all arrays step through as one; return the new lengths and strides.
+    """Merge neighbouring axes of the samples that every array steps through with one common stride. Return the list
+    of at least two lengths and the array of strides (array, axis).
 
-    There are at least two axes after that.
     """
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
     for length, column in zip(shape, strides.T, strict=True):
@@ -258,7 +270,8 @@ def run_kernel(
     workers: int,
     is_scan: bool = False,
 ) -> None:
-    """Run a kernel, which writes the outputs of all samples; threads share the inner axis, or chains of a scan.
+    """Run a kernel, which writes the outputs of all samples into `outputs`. Threads share the samples of the inner
+    axis; in a scan they share the chains.
 
     Args:
         kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).
@@ -273,7 +286,7 @@ def run_kernel(
     table: list[int] = []
     if constants is not None:
         table += (data_address(constants), 0, 0, itemsize)
-    first = len(table) // INTEGERS_PER_TABLE_ROW
+    first = len(table) // INTEGERS_PER_KERNEL_TABLE_ROW
     for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
         table += (data_address(array), *strides)
     table_type = ctypes.c_int64 * len(table)
@@ -283,25 +296,29 @@ def run_kernel(
     chunk = -(-shared // (workers * LANES)) * LANES
 
     def run_chunk(start: int) -> None:
-        """Run the kernel over the chunk of the shared axis that begins at a sample."""
+        """Run the kernel for one thread's chunk of the shared axis, which begins at the sample `start`."""
         chunk_table, count = list(table), min(chunk, shared - start)
-        for k in range(first, len(table) // INTEGERS_PER_TABLE_ROW):
-            chunk_table[k * INTEGERS_PER_TABLE_ROW] += start * chunk_table[k * INTEGERS_PER_TABLE_ROW + column]
+        for k in range(first, len(table) // INTEGERS_PER_KERNEL_TABLE_ROW):
+            chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += (
+                start * chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW + column]
+            )
         for offsets in layout.offsets:
             call_table = list(chunk_table)
             for k, offset in enumerate(offsets, first):
-                call_table[k * INTEGERS_PER_TABLE_ROW] += offset
+                call_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += offset
             kernel_function(table_type(*call_table), *((count, inner_length) if is_scan else (outer_length, count)))
 
     run_in_threads(run_chunk, range(0, shared, chunk))
 
 
-def run_in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
-    """Call `work` with each of `parts`, each in a thread of its own, and wait; run a single one in this thread."""
-    if len(parts) == 1:
-        work(parts[0])
+def run_in_threads(function: Callable[[Any], None], arguments: Sequence[Any]) -> None:
+    """Call `function` with each of the arguments, each in a thread of its own, and wait for all. A single argument is
+    handled in this thread; an error in a thread is raised here.
+    """
+    if len(arguments) == 1:
+        function(arguments[0])
         return
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(len(parts)) as pool:
-        list(pool.map(work, parts))
+    with ThreadPoolExecutor(len(arguments)) as pool:
+        list(pool.map(function, arguments))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_reader import MAX_SAMPLE_RANK, call_descriptor, knows_array_layout
+from hingepair.engine.array_reader import MAX_RANK_OF_ONE_SAMPLE, call_descriptor, knows_array_layout
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, bind, bind_constant
 from hingepair.engine.loops import Loop, Program
@@ -35,14 +35,15 @@ if TYPE_CHECKING:
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 """Arrays to write outputs into, by output name."""
 
-_FLOAT64: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
+_FLOAT64_DTYPE: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
 
-_MIN_LOCK_RELEASE_OPERATIONS: Final = 100_000
+_MIN_OPERATIONS_TO_RELEASE_GIL: Final = 100_000
 """Number of operations, about 20 us of work, from which a call releases the interpreter's lock."""
 
 
 class Call:
-    """A loop with its constants, ready to be called with arguments.
+    """A loop with fixed constants, which is called with arrays of one state or of many. It chooses between a fast
+    path (machine code or generated Python) and the general path (`Loop.run`).
 
     Args:
         loop: the loop to run.
@@ -104,7 +105,7 @@ class Call:
         self._fast_path_supported = (
             shape == ()
             and knows_array_layout()
-            and all(len(sample_shape) <= MAX_SAMPLE_RANK for sample_shape in sample_shapes)
+            and all(len(sample_shape) <= MAX_RANK_OF_ONE_SAMPLE for sample_shape in sample_shapes)
         )
         self.fast_path: Callable[..., Any] = _no_fast_path
         if backend == "compiled":
@@ -115,14 +116,17 @@ class Call:
     # ---- the fast path
 
     def compile(self) -> None:
-        """Compile the kernel now; where that is not possible, warn once and compute with NumPy."""
+        """Compile the kernel now and use it from now on. If that is not possible, issue a warning once and go on
+        computing with NumPy.
+        """
         kernel = self.program.kernel_or_none(self._kernel_key)
         if kernel is not None:
             self._use_kernel(kernel)
 
     @property
     def kernel(self) -> Kernel:
-        """Kernel for float64 inputs that all vary from sample to sample.
+        """Compiled kernel for float64 inputs that all vary from sample to sample. Its first use compiles it; raises
+        an error if that fails.
 
         Raises:
             MissingDependencyError: llvmlite is not installed.
@@ -131,7 +135,9 @@ class Call:
         return self.program.kernel(self._kernel_key)
 
     def _use_kernel(self, kernel: Kernel) -> None:
-        """Make the machine code of a kernel the fast path, where the interpreter and the shapes allow that."""
+        """Make the machine code of a kernel the fast path. Do nothing where the memory layout of arrays is unknown or
+        a shape is not supported.
+        """
         if not self._fast_path_supported:
             return
         from hingepair.engine.native import array_call
@@ -143,13 +149,15 @@ class Call:
             [sample_shape for _, sample_shape in self.loop.outputs],
             has_constants=bool(self._constant_numbers),
             kernel=kernel.address,
-            min_unlocked_samples=-(-_MIN_LOCK_RELEASE_OPERATIONS // max(self.program.weighted_operations, 1)),
+            min_unlocked_samples=-(-_MIN_OPERATIONS_TO_RELEASE_GIL // max(self.program.weighted_operations, 1)),
         )
         self._kernel_function = array_call(kernel, layout)
         self.fast_path = self._make_kernel_path(self._kernel_function)
 
     def _make_kernel_path(self, kernel_function: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Return a generated function that calls machine code for one state, and for a batch calls a second one."""
+        """Generate and return the function of the fast path that allocates the outputs, runs the machine code for one
+        state or a batch, and returns the results; None for unsupported arguments.
+        """
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = []
@@ -172,7 +180,9 @@ class Call:
         return self._execute_source(source, "one", kernel_function=kernel_function)
 
     def _make_python_path(self) -> Callable[..., Any]:
-        """Return a generated Python function for one state, which serves until compiling a kernel pays."""
+        """Generate and return the Python function of the fast path for one state, which serves until compiling a
+        kernel pays. It returns None for other arguments than float64 arrays and floats of one state.
+        """
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
         numbers: dict[int, str] = {}
@@ -203,7 +213,8 @@ class Call:
         return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
 
     def _result_lines(self, arguments: str, leading_shape: str) -> list[str]:
-        """Return source lines that check the limits and make the result, unrolled because a loop is too slow.
+        """Return the lines of generated source that check the limits and return the result. The lines are unrolled
+        because a loop over the outputs is too slow.
 
         Args:
             arguments: the names of the arguments in the source.
@@ -225,7 +236,8 @@ class Call:
         return [*source, "    return result"]
 
     def _execute_source(self, source_lines: list[str], function_name: str, **values: Any) -> Callable[..., Any]:
-        """Execute generated source lines, and return the function of this name that they define.
+        """Execute generated source lines, and return the function with the given name that they define. The further
+        `values` are the global variables of the source.
 
         Args:
             source_lines: the lines of the source.
@@ -235,7 +247,7 @@ class Call:
         result = self.result or Results
         slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
         scope: dict[str, Any] = {
-            "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64,
+            "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64_DTYPE,
             "constants": self._constant_array, "new": result.__new__, "Result": result,
             "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
             "refuse": self._refuse_arguments,
@@ -247,7 +259,7 @@ class Call:
         return function
 
     def _switch_to_kernel(self, *arguments: Any) -> Any:
-        """Make the kernel the fast path, and return its results for these arguments."""
+        """Compile the kernel, make it the fast path, and return its results for these arguments."""
         self._use_kernel(self.program.kernel(self._kernel_key))
         return self.fast_path(*arguments)
 
@@ -261,7 +273,9 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for checked arguments of one state or many, written into `out` where it is given.
+        """Return the results for checked arguments of one state or of many. Outputs named in `out` are written into
+        its arrays. Raises an error if shapes do not broadcast, an array of `out` does not fit, or a limit is
+        exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -288,7 +302,9 @@ class Call:
         return self._make_result(arrays, shape)
 
     def _make_result(self, arrays: Mapping[str, Any], shape: ArrayShape) -> Any:
-        """Return the outputs among these arrays as a result object, or the only output itself."""
+        """Return arrays of outputs as a result object of this shape; return the only output itself if the call has no
+        result class.
+        """
         if self.result is None:
             return arrays[self.outputs[0]]
         return self.result({name: arrays[name] for name in self.outputs}, shape)
@@ -296,14 +312,17 @@ class Call:
     def _run_fast_path(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
-        """Return the results of the fast path, or None where it does not support the arguments."""
+        """Return the results of the fast path, or None if it does not support the arguments. Compiles the kernel if
+        that pays by now.
+        """
         single = not any(shapes.values())
-        if single and (dtype or common_dtype(values)) == _FLOAT64:
-            result = self.fast_path(*(np.array(value, _FLOAT64, order="C") for value in values.values()))
+        if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
+            result = self.fast_path(*(np.array(value, _FLOAT64_DTYPE, order="C") for value in values.values()))
             return result if result is None or out is None else self._copy_into(result, out)
         arguments = tuple(np.array(value) if _is_float_tuple(value) else value for value in values.values())
         if not all(
-            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64) for value in arguments
+            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64_DTYPE)
+            for value in arguments
         ):
             return None
         result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
@@ -320,7 +339,8 @@ class Call:
         return result
 
     def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
-        """Write the results of the fast path into arrays, and return the result; None where it is not supported.
+        """Run the machine code with `out` as its output arrays, and return the result. Return None, with nothing
+        written, if the arguments or arrays are not supported or no kernel is in use.
 
         Where None is returned, nothing has been written.
 
@@ -344,10 +364,12 @@ class Call:
         return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
 
     def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
-        """Copy the results of one state into the arrays of `out`, and return them as a result."""
+        """Copy the results of one state into the arrays of `out`, and return the result that holds these arrays.
+        Raises an error if an array of `out` does not fit.
+        """
         arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():
-            _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64)
+            _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64_DTYPE)
         _check_no_overlap(out, {})
         for name, array in out.items():
             array[...] = arrays[name]
@@ -356,7 +378,8 @@ class Call:
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
-        """Return the results as arrays of another library, which computes them; limits are not checked.
+        """Return the results as arrays of another array library, which computes them. Limits are not checked. Raises
+        an error for `out`, a backend or a number of workers, which hold for NumPy only.
 
         Args:
             values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
@@ -393,7 +416,9 @@ class Call:
     # ---- limits
 
     def _limits_call(self) -> Call:
-        """Return the call, made once, that computes only the outputs with limits; it runs before `out` is written."""
+        """Return the cached call that computes only the outputs with limits. It checks the limits before anything is
+        written into `out`.
+        """
         if self._cached_limits_call is None:
             limited = {name: sample_shape for name, sample_shape in self.loop.outputs if name in self._limits}
             loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), limited, labels=self.loop.labels)
@@ -404,20 +429,22 @@ class Call:
         return self._cached_limits_call
 
     def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Call `on_limit`, which raises an error, if an output exceeds its limit at any sample."""
+        """Call `on_limit`, which raises an error, with the arguments if an output exceeds its limit at any sample."""
         for name, limits in self._limits.items():
             array = arrays[name]
             if (array > limits[array.dtype.itemsize]).any() and self._on_limit is not None:
                 self._on_limit(arguments)
 
     def _refuse_arguments(self, *arguments: Any) -> None:
-        """Report arguments, given in order, for which a limit is exceeded."""
+        """Call `on_limit`, which raises an error, with the arguments by name."""
         if self._on_limit is not None:
             self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
 def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library: Library) -> Any:
-    """Return the components of an input as numbers and arrays of a library, in a tuple unless it is a scalar."""
+    """Return the components of an input as numbers and arrays of a library: a tuple, or the only component of a
+    scalar.
+    """
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
     if is_foreign(value):
@@ -431,7 +458,9 @@ def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library
 
 @functools.cache
 def _register_for_jax(result_class: Any) -> None:
-    """Register a class of results as a JAX pytree, so that functions of JAX take and return results."""
+    """Register a class of results as a JAX pytree, once in the process, so that functions of JAX take and return
+    results.
+    """
     from jax.tree_util import register_pytree_node
 
     def flatten(results: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
@@ -439,7 +468,9 @@ def _register_for_jax(result_class: Any) -> None:
         return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
 
     def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        """Return a result object rebuilt from its arrays, as JAX asks for after a transformation."""
+        """Return a result object rebuilt from its arrays after a transformation by JAX. `structure` holds the names
+        of the outputs and the number of axes of one sample of the first output.
+        """
         names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
         by_name = dict(zip(names, arrays, strict=True))
         shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are no arrays
@@ -450,7 +481,7 @@ def _register_for_jax(result_class: Any) -> None:
 
 @functools.lru_cache(maxsize=512)
 def _compile_source(source: str) -> CodeType:
-    """Return the code object of a source, cached: calls of the same form share it."""
+    """Return the cached code object of a Python source, so that calls of one form share it."""
     return compile(source, "<hingepair: call>", "exec")
 
 
@@ -460,11 +491,11 @@ def _is_float_tuple(value: Any) -> bool:
 
 
 def _no_fast_path(*_: Any) -> None:
-    """Return None: no arguments are supported."""
+    """Return None for any arguments: the fast path of a call that supports no arguments."""
 
 
 def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
-    """Return the dtype that inputs are computed in, given as arrays, numbers, or tuples of them, by name."""
+    """Return the dtype to compute in for inputs by name, which are arrays, numbers, or tuples of them."""
     return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
 
 
@@ -475,7 +506,8 @@ def output_buffers(
     out: Out,
     values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
-    """Return the array to write each output into, by name: that of `out` after checks, or a new one.
+    """Return a dictionary with the array to write each output into: the array of `out` after checks, else a new one.
+    Raises an error if an array of `out` does not fit or overlaps an input.
 
     Args:
         sample_shapes: shape of one sample of each output, by name.
@@ -496,7 +528,9 @@ def output_buffers(
 
 
 def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
-    """Raise an error unless a value of `out`, for an output, is a writable array of this shape and dtype."""
+    """Raise an error unless the array that `out` holds for an output is a writable NumPy array of this shape and
+    dtype.
+    """
     name = f"out[{output!r}]"
     if not isinstance(array, np.ndarray):
         raise ArgumentError(name, "a NumPy array to write into", quoted(array))
@@ -509,7 +543,9 @@ def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[An
 
 
 def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
-    """Raise an error if an array of `out` overlaps an input or another output: blocks would read what they wrote."""
+    """Raise an error if an array of `out` shares memory with an input or with another output. The computation would
+    read values that it has overwritten.
+    """
     others = [
         (name, c, c.flags.owndata)
         for name, value in inputs.items()

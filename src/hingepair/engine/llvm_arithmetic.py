@@ -18,23 +18,23 @@ from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal
 from hingepair.engine.llvm_sines import DOUBLES_TYPE, SINE_OPERATION_NAMES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
-MAX_REGISTER_COMPONENTS: Final = 16
+MAX_COMPONENTS_IN_REGISTERS: Final = 16
 """Largest number of components of an output that is assembled in registers, and of an input loaded into them."""
 
-MAX_UNIFORM_COMPONENT_VECTORS: Final = 256
+MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS: Final = 256
 """Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
 
 More of them are stored as single numbers, so that they leave space in the first-level cache. Processors with few
 registers take longer to broadcast a number to a vector than to load a vector.
 """
 
-_MAX_UNSPLIT_OPERATIONS: Final = 1000
+_MAX_OPERATIONS_OF_UNSPLIT_PART: Final = 1000
 """Number of operations up to which a part is not split, so that fewer values pass through the frame."""
 
-_OPERATIONS_PER_STEP: Final = 300
+_MAX_OPERATIONS_PER_SPLIT_STEP: Final = 300
 """Number of operations of each step of a longer part: few enough for LLVM to spill few registers."""
 
-_MAX_OPERATIONS_BEFORE_RELOAD: Final = 40
+_MAX_OPERATIONS_BETWEEN_FRAME_LOADS: Final = 40
 """Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
 
 _LLVM_INSTRUCTION_BY_OPERATION: Final = {
@@ -47,7 +47,8 @@ _LLVM_INSTRUCTION_BY_OPERATION: Final = {
 
 
 class ComponentGroup(NamedTuple):
-    """Components of one array, which follow each other at one stride.
+    """The components of one input or output array, as traced values or numbers, which lie at one common stride in
+    memory.
 
     Attributes:
         values: the traced inputs, or results, in the order of the components.
@@ -59,12 +60,14 @@ class ComponentGroup(NamedTuple):
 
     @property
     def narrow(self) -> bool:
-        """Whether the group is narrow enough to be assembled in registers; wider outputs are read from the frame."""
-        return len(self.values) <= MAX_REGISTER_COMPONENTS
+        """Whether the group has few enough components to be assembled in registers. Wider outputs are copied from the
+        frame.
+        """
+        return len(self.values) <= MAX_COMPONENTS_IN_REGISTERS
 
 
 class Carry(NamedTuple):
-    """Values that a scan carries from each sample to the next.
+    """The values that a scan carries from each sample to the next: those before a sample and those after it.
 
     Attributes:
         before: the traced inputs; their values at the first sample are inputs of the kernel.
@@ -76,7 +79,8 @@ class Carry(NamedTuple):
 
 
 class KernelStep(NamedTuple):
-    """A part of the program: values that one function computes, or angles whose sines are computed together.
+    """One LLVM function of a kernel's program: either a list of values that it computes, or a list of angles whose
+    sines are computed together by a shared function.
 
     Attributes:
         name: name of the LLVM function.
@@ -92,7 +96,8 @@ class KernelStep(NamedTuple):
 
 
 class Arithmetic:
-    """The steps that compute a kernel's values as LLVM functions, and the frame through which they pass values.
+    """The steps that compute a kernel's values, written as LLVM functions, and the layout of the frame. A frame is
+    the memory through which the steps pass values.
 
     Args:
         inputs: groups of input components.
@@ -143,7 +148,7 @@ class Arithmetic:
         self.varying_steps = self._split_steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
         self.register_inputs = {
-            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_REGISTER_COMPONENTS
+            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_COMPONENTS_IN_REGISTERS
         }
         self._outputs_after_value = self._schedule_row_stores()
         self._schedule_loads()
@@ -152,7 +157,9 @@ class Arithmetic:
     # ---- the order of the operations
 
     def _fused_product(self, value: TracedValue) -> TracedValue | None:
-        """Return the product that is fused with a sum, or None; the second operand is preferred to the first."""
+        """Return the product that is fused with a sum or difference into one FMA instruction, or None. If both
+        operands are products, the second is fused.
+        """
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
                 if isinstance(one, TracedValue) and one.operation == "*":
@@ -160,7 +167,9 @@ class Arithmetic:
         return None
 
     def _operands_of(self, value: TracedValue) -> list[TracedValue]:
-        """Return the operands that the code of a value reads, with the factors of a fused product."""
+        """Return the list of traced values that the code of an operation reads. A fused product is replaced by its
+        factors.
+        """
         read = list(value.operands)
         if value.operation in SINE_OPERATION_NAMES:
             del read[1:]
@@ -174,7 +183,9 @@ class Arithmetic:
         return [one for one in read if isinstance(one, TracedValue)]
 
     def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Split values into steps, and return these; each step of sines comes as early as its angles allow."""
+        """Split the values to compute into steps, and return the list of steps, named by a prefix and a number. A
+        step of sines comes as early as its angles allow. Records the operations that read the sines of each angle.
+        """
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
         while any(value.operation in SINE_OPERATION_NAMES for value in rest):
@@ -203,7 +214,9 @@ class Arithmetic:
         return [KernelStep(f"{name_prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
     def _schedule_row_stores(self) -> dict[int, list[int]]:
-        """Return the indices of the narrow outputs to store after a value, by its identity; key 0: at the end."""
+        """Return a dictionary from the identity of a value to the indices of the narrow outputs that are stored right
+        after it. The outputs under key 0 are stored at the end of the last step.
+        """
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
             sines = [line for angle in step.angles for line in self._sine_lines[id(angle)]]
@@ -217,7 +230,8 @@ class Arithmetic:
         return finished
 
     def _schedule_loads(self) -> None:
-        """Choose for each component of an input in registers the step that loads it; append it to `step.loads`.
+        """For each needed component of an input in registers, choose the step that loads it, and append the component
+        to that step's `loads`.
 
         This is the first step that reads the component, but no step behind one that stores: an output may overlap an
         input.
@@ -234,7 +248,7 @@ class Arithmetic:
                     self.varying_steps[s].loads[g].append(c)
 
     def _values_read_by(self, step: KernelStep) -> Iterator[TracedValue]:
-        """Yield the values that a step reads."""
+        """Yield the traced values that a step reads, including those of the outputs that it stores."""
         yield from step.angles
         for value in step.lines:
             yield from self._operands[id(value)]
@@ -248,7 +262,8 @@ class Arithmetic:
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame to each value that more than one function reads, and set the frame's attributes.
+        """Assign a slot of the frame to each value that more than one function reads. Sets the attributes that
+        describe the frame.
 
         A slot is used again when its value is not needed any more.
         """
@@ -263,7 +278,7 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = len(used) > MAX_UNIFORM_COMPONENT_VECTORS and not group.varies and self.carry is None
+            many = len(used) > MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS and not group.varies and self.carry is None
             shared = used if many else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
@@ -305,20 +320,24 @@ class Arithmetic:
         self.word_offsets = list(itertools.accumulate(words, initial=0))
 
     def _values_made_by(self, step: KernelStep) -> list[TracedValue]:
-        """Return the values that a step loads or computes."""
+        """Return the list of values that a step loads from inputs or computes."""
         loaded = (self.inputs[g].values[c] for g, components in step.loads.items() for c in components)
         return [*(value for value in loaded if isinstance(value, TracedValue)), *step.lines]
 
     def slot_address(self, f: FunctionBuilder, number: int) -> str:
-        """Append the computation of the address of a slot, and return its name."""
+        """Append the computation of the address of the slot with this number to the function `f`, and return the name
+        of the address.
+        """
         return f.pointer_at("%frame", number * LANES * self.number_bytes)
 
     def store_slot(self, f: FunctionBuilder, number: int, value: str) -> None:
-        """Append the store of a vector into a slot."""
+        """Append to the function `f` the store of a vector into the slot with this number."""
         f.do(f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANES * self.number_bytes}")
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
-        """Return the frame's byte offsets of a wide output's components; ~offset first in a tile of one constant.
+        """Return a list with the byte offset in the frame of each component of a wide output, in tiles of eight. In a
+        tile whose components are all one constant, the first offset is stored as its bitwise complement (~) as a
+        mark.
 
         The shared function `rows` takes them.
         """
@@ -333,7 +352,9 @@ class Arithmetic:
         return offsets
 
     def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
-        """Return the slots of the angles of a step of sines, and the first slot of the results."""
+        """Return the list of the slots that hold the angles of a step of sines, and the number of the first slot of
+        its results.
+        """
         line = self._sine_lines[id(step.angles[0])][0]
         first = self.slots[id(line)] - SINE_OPERATION_NAMES.index(line.operation)
         return [self.slots[id(angle)] for angle in step.angles], first
@@ -341,17 +362,23 @@ class Arithmetic:
     # ---- the functions of the steps
 
     def step_functions(self) -> list[str]:
-        """Return the LLVM functions of all steps of arithmetic, behind declarations of their intrinsics."""
+        """Return a list of LLVM code: the declarations of intrinsics, then one function for each step of
+        arithmetic.
+        """
         steps = [self._step_function(step) for step in (*self.uniform_steps, *self.varying_steps) if not step.angles]
         return [*sorted(self._declared), *steps]
 
     @property
     def lanewise_functions(self) -> list[str]:
-        """Names of the functions of the C library that the steps call for each lane."""
+        """Sorted names of the C library's functions that the steps call once for each lane. The list is complete once
+        `step_functions` has run.
+        """
         return sorted(self._lanewise)
 
     def _step_function(self, step: KernelStep) -> str:
-        """Return the LLVM function of a step, which reads and writes the frame and stores narrow outputs."""
+        """Return the LLVM function of a step of arithmetic, as text. The function reads and writes the frame and
+        stores narrow outputs; intrinsics that it calls are added to the declarations.
+        """
         self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
         self._names: dict[int, tuple[str, int]] = {}
         self._position = 0
@@ -375,12 +402,14 @@ class Arithmetic:
         return f.text()
 
     def operand(self, value: Operand) -> str:
-        """Return the name of an operand's vector, loaded from the frame if necessary; or a constant in all lanes."""
+        """Return the text that names an operand's vector in the function being built: a value, or a number repeated
+        in all lanes. Appends a load from the frame if the value is not in a register.
+        """
         if not isinstance(value, TracedValue):
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
         name, position = self._names.get(id(value), ("", 0))
-        if not name or self._position - position > _MAX_OPERATIONS_BEFORE_RELOAD:
+        if not name or self._position - position > _MAX_OPERATIONS_BETWEEN_FRAME_LOADS:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
                 number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", value.name)
@@ -392,7 +421,7 @@ class Arithmetic:
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
-        """Append the operation of a value, and return the name of the result."""
+        """Append the instructions that compute a traced value, and return the name of the result."""
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
             condition, *both = value.operands
@@ -409,7 +438,9 @@ class Arithmetic:
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Append the comparison a < b, if the function does not hold it yet, and return its name."""
+        """Return the name of the result of a comparison a < b. Appends the comparison if the function does not
+        contain it yet.
+        """
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
             both = ", ".join(self.operand(one) for one in condition.operands)
@@ -418,7 +449,9 @@ class Arithmetic:
         return name
 
     def _write_fma(self, product: TracedValue, value: TracedValue) -> str:
-        """Append a fused multiply-add (FMA) of a sum or difference and its product, and return the name."""
+        """Append a fused multiply-add (FMA) that computes a sum or difference (`value`) together with its product,
+        and return the name of the result.
+        """
         first, second = value.operands
         x, y = (self.operand(one) for one in product.operands)
         if second is product:
@@ -431,13 +464,15 @@ class Arithmetic:
         return self._call_intrinsic("fma", [x, y, rest], value.name)
 
     def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append the call of an intrinsic of LLVM, and return the name of its value."""
+        """Append a call of an LLVM intrinsic, record its declaration, and return the name of the result."""
         kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
     def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append the call of a function of the C library for each lane, and return the name of the vector."""
+        """Append a call that applies a function of the C library to each lane, in double precision. Record the
+        function's name, and return the name of the resulting vector.
+        """
         self._lanewise.add(name)
         if self.number_bytes == 4:
             operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES_TYPE}") for operand in operands]
@@ -450,7 +485,9 @@ class Arithmetic:
     # ---- narrow inputs and outputs
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Append the loads of an input's components of eight samples: one scalar load for each lane."""
+        """Append the loads of some components of an input for eight samples, by one scalar load for each lane. The
+        vectors are recorded as the components' values.
+        """
         f, word = self._f, 8 * self.word_offsets[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
         samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANES))]
@@ -465,7 +502,7 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Append the stores of eight samples of a narrow output, one behind the other in memory."""
+        """Append the stores of eight samples of a narrow output, whose rows follow each other in memory."""
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
@@ -479,7 +516,8 @@ class Arithmetic:
     def _pack_numbers(
         self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
     ) -> str:
-        """Append the shuffles that collect eight consecutive numbers of a block in memory order; return the vector.
+        """Append the shuffles that collect eight consecutive numbers of an output's block of rows in memory order,
+        beginning with number `first_number` of the block. Return the name of the vector.
 
         Args:
             sample_vectors: for each sample, vectors that hold eight of its components each.
@@ -505,7 +543,13 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a long list of values into parts of about equal length; return pairs (part, empty list of angles)."""
-    count = -(-len(lines) // _OPERATIONS_PER_STEP) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
+    """Split a long list of values into parts of about equal length. Return pairs of a part and an empty list, which
+    stands for the angles of a step.
+    """
+    count = (
+        -(-len(lines) // _MAX_OPERATIONS_PER_SPLIT_STEP)
+        if len(lines) > _MAX_OPERATIONS_OF_UNSPLIT_PART
+        else min(len(lines), 1)
+    )
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

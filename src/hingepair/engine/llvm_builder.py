@@ -12,7 +12,7 @@ CACHE_LINE_BYTES: Final = 64  # size of a cache line of the processor
 
 
 def number_type(single: bool) -> str:
-    """Return LLVM's name of a floating-point type: "float" for single precision, else "double"."""
+    """Return LLVM's name of a floating-point type: "float" if `single` is true (single precision), else "double"."""
     return "float" if single else "double"
 
 
@@ -22,12 +22,15 @@ def shared_name(function: str, number: str) -> str:
 
 
 def hexadecimal(number: float) -> str:
-    """Return a number in LLVM's hexadecimal notation, exact to the last bit; round to float32 beforehand."""
+    """Return a number in LLVM's hexadecimal notation, exact to the last bit. A number meant as float32 must be
+    rounded beforehand.
+    """
     return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
 
 
 class FunctionBuilder:
-    """Builder of one function in LLVM IR; values and labels are numbered, and names of users are comments only.
+    """Builder of the text of one LLVM IR function, instruction by instruction. Values and labels are numbered; names
+    given by users appear only in comments.
 
     Each method appends instructions to the function; most return the name of the value that they compute.
 
@@ -45,7 +48,9 @@ class FunctionBuilder:
         return "\n".join([*self._lines, "}"])
 
     def put(self, code: str, comment: str = "") -> str:
-        """Append an instruction, with an optional comment, and return the name of its value."""
+        """Append an instruction that computes a value, and return the new name of the value. The comment is written
+        behind the instruction.
+        """
         self._count += 1
         name = f"%v{self._count}"
         self._lines.append(f"  {name} = {code}  ; {' '.join(comment.split())}" if comment else f"  {name} = {code}")
@@ -56,18 +61,19 @@ class FunctionBuilder:
         self._lines.append(f"  {code}")
 
     def begin_block(self, label: str) -> None:
-        """Begin a basic block of instructions under a label."""
+        """Append a label, which begins a new basic block of instructions."""
         self._lines.append(f"{label}:")
         self._block = label
 
     def new_labels(self, *kinds: str) -> list[str]:
-        """Return a new label of each kind, unique in the function."""
+        """Return a list of new labels, one for each kind, which are unique in the function."""
         self._count += 1
         return [f"{kind}.{self._count}" for kind in kinds]
 
     @contextmanager
     def loop(self, stop: str, start: str = "0", step: str = "1") -> Iterator[str]:
-        """Append a loop around the instructions of the `with` block, and yield its counter.
+        """Append a loop around the instructions of the `with` block (context manager), and yield the name of its
+        64-bit counter. The loop ends before `stop`.
 
         Args:
             stop: the value at which the loop ends; it is not reached.
@@ -91,7 +97,9 @@ class FunctionBuilder:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """Append a branch: the instructions of the `with` block run only if a condition holds."""
+        """Append a branch around the instructions of the `with` block (context manager), which run only if a
+        condition holds.
+        """
         then, done = self.new_labels("then", "done")
         self.do(f"br i1 {condition}, label %{then}, label %{done}")
         self.begin_block(then)
@@ -101,7 +109,9 @@ class FunctionBuilder:
 
     @contextmanager
     def when_else(self, condition: str) -> Iterator[Callable[[], None]]:
-        """Append an if-else branch; a call of the yielded function ends the first side and begins the second."""
+        """Append an if-else branch around the instructions of the `with` block (context manager). Calling the yielded
+        function ends the first branch and begins the second.
+        """
         then, other, done = self.new_labels("then", "other", "done")
         self.do(f"br i1 {condition}, label %{then}, label %{other}")
         self.begin_block(then)
@@ -115,35 +125,44 @@ class FunctionBuilder:
         self.begin_block(done)
 
     def reserve_name(self) -> str:
-        """Return the name of a value whose instruction is appended later."""
+        """Return a new name for a value whose instruction is appended later."""
         self._count += 1
         return f"%v{self._count}"
 
     def pointer_at(self, start: str, offset: str | int) -> str:
-        """Append the computation of the pointer `offset` bytes behind `start`, and return its name."""
+        """Append the computation of the pointer `offset` bytes after `start`, and return its name. For offset 0,
+        append nothing and return `start`.
+        """
         return start if offset in {0, "0"} else self.put(f"getelementptr i8, ptr {start}, i64 {offset}")
 
     def load_word(self, start: str, offset: int, kind: str = "i64") -> str:
-        """Append the load of an integer or pointer `offset` bytes behind an address, and return its name."""
+        """Append the load of a 64-bit integer, or of a pointer (kind "ptr"), `offset` bytes after an address, and
+        return its name.
+        """
         return self.put(f"load {kind}, ptr {self.pointer_at(start, offset)}, align 8")
 
     def multiply(self, x: str, y: str | int) -> str:
-        """Append the product of two 64-bit integers, and return its name."""
+        """Append the product of two 64-bit integers, and return the name of the product."""
         return self.put(f"mul i64 {x}, {y}")
 
     def load_entry(self, table: str, k: str) -> str:
-        """Append the load of the k-th number of a table of 32-bit integers, and return its name."""
+        """Append the load of the k-th entry of a table of 32-bit integers, and return the name of the entry as a
+        64-bit integer.
+        """
         place = self.pointer_at(table, 4 * int(k) if k.isdigit() else self.multiply(k, 4))
         return self.put(f"zext i32 {self.put(f'load i32, ptr {place}, align 4')} to i64")
 
     def splat(self, vector_type: str, typed_number: str) -> str:
-        """Append the copy of a number, given with its type, to all lanes of a vector, and return its name."""
+        """Append the copy of a number to all lanes of a vector, and return the name of the vector. `typed_number` is
+        the number's type and name, such as "double %v1".
+        """
         return self.shuffle(
             vector_type, self.put(f"insertelement {vector_type} poison, {typed_number}, i32 0"), "poison", [0] * LANES
         )
 
     def shuffle(self, vector_type: str, x: str, y: str, picked_elements: Sequence[int]) -> str:
-        """Append a shuffle of two vectors, and return its name.
+        """Append a shuffle, which makes a vector of elements picked from the vectors x and y, and return its name. An
+        index of `picked_elements` counts the elements of x, then of y; -1 leaves the lane undefined.
 
         Args:
             vector_type: type of the vectors.
@@ -157,7 +176,9 @@ class FunctionBuilder:
         )
 
     def transpose(self, vector_type: str, vectors: list[str]) -> list[str]:
-        """Append the transpose of eight vectors of eight numbers, and return the names of the eight results."""
+        """Append the transpose of an 8 x 8 block of numbers, given as eight vectors, and return the list of the names
+        of the eight resulting vectors.
+        """
         for step in (1, 2, 4):
             low = [m if not m & step else LANES + m - step for m in range(LANES)]
             high = [m + step if not m & step else LANES + m for m in range(LANES)]

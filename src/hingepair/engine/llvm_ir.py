@@ -30,12 +30,14 @@ from hingepair.engine.llvm_shared import declarations
 from hingepair.engine.llvm_sines import lanewise_function
 
 # Declarations of the functions of LLVM that kernels call.
-_KERNEL_DECLARATIONS: Final = "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)"
+_LLVM_INTRINSIC_DECLARATIONS: Final = (
+    "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)"
+)
 
-INTEGERS_PER_TABLE_ROW: Final = 4
+INTEGERS_PER_KERNEL_TABLE_ROW: Final = 4
 """Number of integers in a row of the kernel's table."""
 
-MIN_STREAMED_BYTES: Final = 2**21
+MIN_OUTPUT_BYTES_TO_STREAM: Final = 2**21
 """Size of an output from which it is written by streaming stores, past the caches."""
 
 
@@ -47,7 +49,9 @@ def kernel_ir(
     fuse: bool = True,
     carry: Carry | None = None,
 ) -> str:
-    """Return the LLVM module of `void kernel(i64* table, i64 outer, i64 inner)`; it calls the shared functions.
+    """Return the LLVM module, as text, of the function `kernel(table, outer, inner)`, which computes outer times
+    inner samples. `single` chooses float32 arithmetic, `fuse` fused multiply-adds, and `carry` a scan instead of a
+    map.
 
     Args:
         inputs: groups of input components, in the order of the table's rows.
@@ -60,7 +64,9 @@ def kernel_ir(
 
 
 class _KernelBuilder:
-    """Builder of a kernel's LLVM module: loops around the steps of its arithmetic."""
+    """Builder of the LLVM module of one kernel: loops over the samples around calls of the steps of its
+    arithmetic.
+    """
 
     def __init__(self, arithmetic: Arithmetic) -> None:
         self.arithmetic = arithmetic
@@ -71,30 +77,44 @@ class _KernelBuilder:
         self.f = FunctionBuilder("void @kernel(ptr noalias %table, i64 %outer, i64 %inner)")
 
     def module(self) -> str:
-        """Return the LLVM module as text: tables, declarations, the steps, and the kernel."""
+        """Return the LLVM module as text: constant tables, declarations, the functions of the steps, and the
+        kernel.
+        """
         number = self.arithmetic.number
         steps = self.arithmetic.step_functions()
         self.write_kernel()
         lanewise = [lanewise_function(name) for name in self.arithmetic.lanewise_functions]
-        definitions = [*self.tables, *declarations(number), _KERNEL_DECLARATIONS, *lanewise, *steps, self.f.text()]
+        definitions = [
+            *self.tables,
+            *declarations(number),
+            _LLVM_INTRINSIC_DECLARATIONS,
+            *lanewise,
+            *steps,
+            self.f.text(),
+        ]
         return "\n\n".join(definitions) + "\n"
 
     def add_table(self, numbers: Sequence[int]) -> str:
-        """Add integers to the module as a constant array, and return its name."""
+        """Add integers to the module as a constant array of 32-bit integers, and return the name of the array."""
         name = f"@table{len(self.tables)}"
         listed = ", ".join(f"i32 {number}" for number in numbers)
         self.tables.append(f"{name} = internal constant [{len(numbers)} x i32] [{listed}]")
         return name
 
     def call_shared(self, function: str, *arguments: str) -> None:
-        """Append the call of a shared function."""
+        """Append the call of a shared function, given by its short name, with arguments in LLVM IR."""
         self.f.do(f"call void {shared_name(function, self.arithmetic.number)}({', '.join(arguments)})")
 
     def write_kernel(self) -> None:
-        """Append the instructions of the kernel."""
+        """Append all instructions of the kernel function: the loops over outer and inner samples, and the final fence
+        for streamed outputs.
+        """
         f, arithmetic = self.f, self.arithmetic
         table = [
-            [f.load_word("%table", 8 * (g * INTEGERS_PER_TABLE_ROW + k)) for k in range(INTEGERS_PER_TABLE_ROW)]
+            [
+                f.load_word("%table", 8 * (g * INTEGERS_PER_KERNEL_TABLE_ROW + k))
+                for k in range(INTEGERS_PER_KERNEL_TABLE_ROW)
+            ]
             for g in range(len(self.inputs) + len(self.outputs))
         ]
         f.do(f"%frame = alloca [{max(1, arithmetic.frame_size)} x {arithmetic.vector}], align {CACHE_LINE_BYTES}")
@@ -130,7 +150,9 @@ class _KernelBuilder:
         f.do("ret void")
 
     def write_direct_blocks(self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter]) -> str:
-        """Append the loop over whole blocks whose rows go directly into the outputs; return where it stops."""
+        """Append the loop over complete blocks of eight samples whose rows go directly into the outputs. Return the
+        name of the index of the first sample that is left.
+        """
         f = self.f
         direct = "true"
         for writer in writers:
@@ -152,7 +174,9 @@ class _KernelBuilder:
     def write_block(
         self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], inner_index: str, samples_left: str
     ) -> None:
-        """Append the computation of eight inner samples from inner_index on, of which samples_left exist."""
+        """Append the computation of the block of eight inner samples that begins at `inner_index`. Only the first
+        `samples_left` of them exist.
+        """
         for writer in writers:
             writer.begin_samples(inner_index, samples_left)
         for reader in readers:
@@ -162,7 +186,7 @@ class _KernelBuilder:
             writer.write_samples()
 
     def call_steps(self, steps: Sequence[KernelStep]) -> None:
-        """Append the calls of the functions of steps."""
+        """Append the calls that run steps in order: their own functions, or the shared function `sines`."""
         for step in steps:
             if step.angles:
                 slots, first = self.arithmetic.sine_slots(step)
@@ -173,7 +197,7 @@ class _KernelBuilder:
 
 
 class _InputReader:
-    """Builder of the LLVM code that loads one input of a kernel.
+    """Builder of the LLVM code that reads one input of a kernel.
 
     Args:
         kernel: builder of the kernel.
@@ -200,7 +224,8 @@ class _InputReader:
         self.shared, self.shared_slot = kernel.arithmetic.input_scalars[index]
 
     def prefetch_offsets(self) -> list[str]:
-        """Append the computation of the byte offsets of the cache lines to prefetch, and return their names.
+        """Append the computation of the byte offsets of the cache lines to prefetch for a block, and return the list
+        of their names.
 
         For an input stored in rows these are all lines of eight samples, or only those that hold needed components if
         these are fewer; for an input stored in columns, one line of each needed component.
@@ -226,19 +251,25 @@ class _InputReader:
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the start of the outer sample with an index; in a scan, of the first of eight chains."""
+        """Append the computation of the input's address at an outer sample. In a scan, this is the first of eight
+        chains.
+        """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
         if self.in_registers:
             self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANES))
 
     def store_lane_offsets(self, samples_left: str) -> None:
-        """Append the store of the byte offsets of the lanes' samples, of which samples_left exist."""
+        """Append the store of the byte offsets of a block's eight samples, of which the first `samples_left`
+        exist.
+        """
         to = self.f.pointer_at("%places", self.word_offset + 8)
         self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
 
     def read(self, inner_index: str, samples_left: str) -> None:
-        """Append loads and prefetches of eight inner samples, of which samples_left exist; nothing if uniform."""
+        """Append the loads and prefetches of the eight inner samples that begin at `inner_index`, of which the first
+        `samples_left` exist. Append nothing for an input that does not vary.
+        """
         f = self.f
         if not self.group.varies:
             return
@@ -256,7 +287,9 @@ class _InputReader:
                 self.store_lane_offsets(samples_left)
 
     def read_uniform(self, chains_left: str) -> None:
-        """Append the loads of the components that are the same for all inner samples, as numbers or vectors."""
+        """Append the loads of an input's components that are equal for all inner samples, into the frame, as single
+        numbers or as vectors. In a scan, the vectors hold the first `chains_left` of eight chains.
+        """
         f = self.f
         if self.shared:
             to = self.kernel.arithmetic.slot_address(f, self.shared_slot)
@@ -266,7 +299,9 @@ class _InputReader:
             self.gather_components(self.base, chains_left)
 
     def gather_components(self, row_address: str, samples_left: str) -> None:
-        """Append the loads of the needed components of eight samples, from an address on, into the frame."""
+        """Append the loads of the needed components of eight samples into the frame. The first sample is at
+        `row_address`, and the first `samples_left` samples exist.
+        """
         f = self.f
         to = self.kernel.arithmetic.slot_address(f, self.slot)
         which = f"ptr {self.components_table}, i64 {len(self.components)}"
@@ -283,7 +318,8 @@ class _InputReader:
 
 
 class _OutputWriter:
-    """Builder of the LLVM code that stores one output of a kernel.
+    """Builder of the LLVM code that stores one output of a kernel, directly or through a buffer on the stack (the
+    stage).
 
     Args:
         kernel: builder of the kernel.
@@ -312,7 +348,7 @@ class _OutputWriter:
         if not self.group.narrow:
             self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
             if not kernel.scan and self.count <= MAX_STREAMED_COMPONENTS:
-                large = f.put(f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_STREAMED_BYTES}")
+                large = f.put(f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_OUTPUT_BYTES_TO_STREAM}")
                 odd = f.put(f"and i64 {f.put(f'or i64 {self.address}, {self.outer}')}, {self.number_bytes - 1}")
                 aligned = f.put(f"icmp eq i64 {odd}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
@@ -321,21 +357,25 @@ class _OutputWriter:
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the start of the outer sample with an index; in a scan, of the first of eight chains."""
+        """Append the computation of the output's address at an outer sample. In a scan, this is the first of eight
+        chains.
+        """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
 
     def row(self, inner_index: str) -> str:
-        """Append the computation of the address of an inner sample, and return its name."""
+        """Append the computation of the address of an inner sample, and return the name of the address."""
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, to: str) -> None:
-        """Append the store of the address to which the rows of a block are written."""
+        """Append the store of the address to which the steps write the rows of a block."""
         self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
     def begin_samples(self, inner_index: str, samples_left: str) -> None:
-        """Append the choice of where the rows of a block are stored: in the output, or in the stage."""
+        """Append the choice of where the rows of a block are written: into the output, or first into the stage, which
+        is a buffer on the stack.
+        """
         f = self.f
         self.i, self.to, self.rest = inner_index, self.row(inner_index), samples_left
         full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
@@ -345,19 +385,25 @@ class _OutputWriter:
         self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
     def flush(self, inner_index: str, sample_count: str, is_last: str) -> None:
-        """Append the streaming of samples from the stage to the output, the first of them at inner_index."""
+        """Append the copy, by streaming stores, of samples from the stage to the output from `inner_index` on.
+        `is_last` is the LLVM condition that nothing follows.
+        """
         f = self.f
         at = f.put(f"add i64 {self.start}, {f.multiply(inner_index, self.row_bytes)}")
         block = f"ptr {self.stage}, i64 {at}, i64 {f.multiply(sample_count, self.row_bytes)}"
         self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {is_last}")
 
     def write_rows(self, target_address: str, is_filled: str) -> None:
-        """Append the stores of a block's rows from the frame; rows that are filled hold their constants already."""
+        """Append the stores of a block's rows from the frame to an address. `is_filled` is the LLVM condition that
+        the rows already contain the constants.
+        """
         target = f"ptr {target_address}, i64 {self.row_bytes}, i1 {is_filled}"
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
-        """Append the stores of a block's rows from where the steps have left them."""
+        """Append the stores that bring a block's rows into the output: from the frame, or from the stage if the steps
+        have written the rows there.
+        """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"
         if self.count > MAX_STREAMED_COMPONENTS:
@@ -379,7 +425,9 @@ class _OutputWriter:
             self.kernel.call_shared("scatter", f"ptr {self.stage}, i64 {self.count}", target)
 
     def end_outer(self) -> None:
-        """Append streaming stores of the numbers of an outer sample that are still in the stage."""
+        """Append the streaming stores of an outer sample's last rows, which are still in the stage. Append nothing
+        for an output that is never streamed.
+        """
         f = self.f
         if self.streamed != "false":
             with f.when(self.streamed):
