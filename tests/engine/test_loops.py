@@ -9,7 +9,7 @@ import pytest
 
 from hingepair.engine import array_reader, backend, loops, native
 from hingepair.engine.backend import BreakEvenCounter, Execution
-from hingepair.engine.llvm_ir import LANES
+from hingepair.engine.llvm_ir import LANE_COUNT
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
@@ -58,7 +58,7 @@ def given(count, dtype=F8, seed=0):
 
 
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
-@pytest.mark.parametrize("count", [1, 2, 7, LANES, 9, 15, 16, 17, 1000])
+@pytest.mark.parametrize("count", [1, 2, 7, LANE_COUNT, 9, 15, 16, 17, 1000])
 def test_every_count(count, dtype):
     values = given(count, dtype)
     room = {name: np.full((count + 2, *tail), 7.0, dtype) for name, tail in MAP.outputs}

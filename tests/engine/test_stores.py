@@ -10,8 +10,8 @@ import pytest
 from hingepair.engine import binding, llvm_arithmetic, llvm_ir
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_IN_REGISTERS
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES
-from hingepair.engine.llvm_memory import COMPONENTS_PER_PANEL, MAX_STREAMED_COMPONENTS
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT
+from hingepair.engine.llvm_memory import MAX_COMPONENTS_OF_STREAMED_OUTPUT, WIDE_OUTPUT_COMPONENTS_PER_PANEL
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -25,18 +25,18 @@ FAST_WIDTHS = {
     MAX_COMPONENTS_IN_REGISTERS,
     MAX_COMPONENTS_IN_REGISTERS + 1,
     24,
-    COMPONENTS_PER_PANEL + 3,
-    MAX_STREAMED_COMPONENTS + 1,
+    WIDE_OUTPUT_COMPONENTS_PER_PANEL + 3,
+    MAX_COMPONENTS_OF_STREAMED_OUTPUT + 1,
 }
 WIDTHS = sorted(
     {
         *range(1, 41),
         *FAST_WIDTHS,
-        COMPONENTS_PER_PANEL - 1,
-        COMPONENTS_PER_PANEL,
-        2 * COMPONENTS_PER_PANEL + 5,
+        WIDE_OUTPUT_COMPONENTS_PER_PANEL - 1,
+        WIDE_OUTPUT_COMPONENTS_PER_PANEL,
+        2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL + 5,
         300,
-        MAX_STREAMED_COMPONENTS,
+        MAX_COMPONENTS_OF_STREAMED_OUTPUT,
         600,
     }
 )
@@ -89,7 +89,7 @@ def test_every_width_at_every_offset(width, dtype, stores):
 @pytest.mark.parametrize("width", [3, 20, 37])
 def test_threads_share_cache_lines(width, stores, monkeypatch):
     """Where the samples of one thread end amid a line, the other thread's begin."""
-    monkeypatch.setattr(binding, "MIN_SAMPLES_PER_WORKER", LANES)
+    monkeypatch.setattr(binding, "MIN_SAMPLES_PER_WORKER", LANE_COUNT)
     for shift in SHIFTS:
         check_doubled(doubled(width, stores), (1003, width), ..., shift, F8, workers=3)
 
@@ -105,7 +105,7 @@ CUTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", CUTS.values(), ids=CUTS)
-@pytest.mark.parametrize("width", [2, 36, 2 * MAX_STREAMED_COMPONENTS + 20])
+@pytest.mark.parametrize("width", [2, 36, 2 * MAX_COMPONENTS_OF_STREAMED_OUTPUT + 20])
 def test_outputs_of_any_layout(cut, width, stores):
     for shift in (0, 16):
         shape = (3, 8, 17, width)

@@ -647,8 +647,8 @@ FAULTS = {
     ),
     "far angles not repaired": Fault(
         "engine/llvm_sines.py",
-        "_MAX_REDUCED_ANGLE: Final = 1e6",
-        "_MAX_REDUCED_ANGLE: Final = 1e300",
+        "_MAX_REDUCED_ANGLE_RAD: Final = 1e6",
+        "_MAX_REDUCED_ANGLE_RAD: Final = 1e300",
         "engine/test_loops.py::test_far_angles_and_none_at_all",
     ),
     "pi/2 in one part": Fault(
@@ -707,8 +707,8 @@ FAULTS = {
     ),
     "a number that samples share read from its neighbour's place": Fault(
         "engine/llvm_arithmetic.py",
-        "size * LANES + k for k, c in enumerate(shared)",
-        "size * LANES + k + 1 for k, c in enumerate(shared)",
+        "size * LANE_COUNT + k for k, c in enumerate(shared)",
+        "size * LANE_COUNT + k + 1 for k, c in enumerate(shared)",
         "engine/test_stores.py::test_constants_as_numbers_or_as_vectors[float64-numbers]",
     ),
     "a slot of the frame taken while its value is needed": Fault(

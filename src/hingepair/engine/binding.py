@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.array_reader import data_address
-from hingepair.engine.llvm_builder import LANES
+from hingepair.engine.llvm_builder import LANE_COUNT
 from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
 
 ArrayShape: TypeAlias = tuple[int, ...]
@@ -292,8 +292,8 @@ def run_kernel(
     table_type = ctypes.c_int64 * len(table)
     outer_length, inner_length = layout.outer_length, layout.inner_length
     shared, column = (outer_length, 1) if is_scan else (inner_length, 2)
-    workers = max(1, min(workers, outer_length * inner_length // MIN_SAMPLES_PER_WORKER, shared // LANES))
-    chunk = -(-shared // (workers * LANES)) * LANES
+    workers = max(1, min(workers, outer_length * inner_length // MIN_SAMPLES_PER_WORKER, shared // LANE_COUNT))
+    chunk = -(-shared // (workers * LANE_COUNT)) * LANE_COUNT
 
     def run_chunk(start: int) -> None:
         """Run the kernel for one thread's chunk of the shared axis, which begins at the sample `start`."""

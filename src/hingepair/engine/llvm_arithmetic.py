@@ -14,8 +14,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal
-from hingepair.engine.llvm_sines import DOUBLES_TYPE, SINE_OPERATION_NAMES
+from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecimal
+from hingepair.engine.llvm_sines import DOUBLE_VECTOR_TYPE, SINE_OPERATION_NAMES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
 MAX_COMPONENTS_IN_REGISTERS: Final = 16
@@ -115,7 +115,7 @@ class Arithmetic:
             frame.
         input_slots: for each input, the components needed as vectors, and the first slot of the gathered ones.
         input_scalars: for each input, the components needed as one number for all samples, and their first slot; such
-            a slot holds LANES numbers.
+            a slot holds LANE_COUNT numbers.
         constant_slots: number of the slot of each constant in a wide output.
         word_offsets: for each input in registers, the index of its first word in the array `places`; last, the index
             of the outputs' first word. The words of an input are the address of its row, the offsets of seven further
@@ -132,7 +132,7 @@ class Arithmetic:
     ) -> None:
         self.inputs, self.outputs, self.carry = inputs, outputs, carry
         self.number, self.fuse = number, fuse
-        self.vector = f"<{LANES} x {number}>"
+        self.vector = f"<{LANE_COUNT} x {number}>"
         self.number_bytes = 8 if number == "double" else 4
         results = [value for group in outputs for value in group.values]
         results += list(carry.after) if carry else []
@@ -282,8 +282,8 @@ class Arithmetic:
             shared = used if many else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
-            self._scalar_positions |= {id(group.values[c]): size * LANES + k for k, c in enumerate(shared)}
-            size += -(-len(shared) // LANES)
+            self._scalar_positions |= {id(group.values[c]): size * LANE_COUNT + k for k, c in enumerate(shared)}
+            size += -(-len(shared) // LANE_COUNT)
             self.input_slots.append((gathered, size))
             if g not in self.register_inputs:
                 self.slots |= {id(group.values[c]): size + k for k, c in enumerate(gathered)}
@@ -316,7 +316,7 @@ class Arithmetic:
                     size = max(size, self.slots[id(value)] + 1)
             free += [self.slots[value] for value in ending[s]]
         self.frame_size = size
-        words = (LANES + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
+        words = (LANE_COUNT + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
         self.word_offsets = list(itertools.accumulate(words, initial=0))
 
     def _values_made_by(self, step: KernelStep) -> list[TracedValue]:
@@ -328,11 +328,13 @@ class Arithmetic:
         """Append the computation of the address of the slot with this number to the function `f`, and return the name
         of the address.
         """
-        return f.pointer_at("%frame", number * LANES * self.number_bytes)
+        return f.pointer_at("%frame", number * LANE_COUNT * self.number_bytes)
 
     def store_slot(self, f: FunctionBuilder, number: int, value: str) -> None:
         """Append to the function `f` the store of a vector into the slot with this number."""
-        f.do(f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANES * self.number_bytes}")
+        f.do(
+            f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANE_COUNT * self.number_bytes}"
+        )
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
         """Return a list with the byte offset in the frame of each component of a wide output, in tiles of eight. In a
@@ -342,11 +344,11 @@ class Arithmetic:
         The shared function `rows` takes them.
         """
         offsets: list[int] = []
-        for c in range(0, len(group.values), LANES):
-            first = min(c, len(group.values) - LANES)
-            values = group.values[first : first + LANES]
+        for c in range(0, len(group.values), LANE_COUNT):
+            first = min(c, len(group.values) - LANE_COUNT)
+            values = group.values[first : first + LANE_COUNT]
             slots = [self.slots[id(v)] if isinstance(v, TracedValue) else self.constant_slots[v] for v in values]
-            places = [slot * LANES * self.number_bytes for slot in slots]
+            places = [slot * LANE_COUNT * self.number_bytes for slot in slots]
             constant = len(set(slots)) == 1 and not isinstance(values[0], TracedValue)
             offsets += [~places[0], *places[1:]] if constant else places
         return offsets
@@ -416,7 +418,9 @@ class Arithmetic:
                 name = self._f.splat(self.vector, f"{self.number} {number}")
             elif id(value) in self.slots:
                 place = self.slot_address(self._f, self.slots[id(value)])
-                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", value.name)
+                name = self._f.put(
+                    f"load {self.vector}, ptr {place}, align {LANE_COUNT * self.number_bytes}", value.name
+                )
         self._names[id(value)] = name, self._position
         return name
 
@@ -426,7 +430,7 @@ class Arithmetic:
         if value.operation == "where":
             condition, *both = value.operands
             chosen = ", ".join(f"{kind} {self.operand(one)}" for one in both)
-            return put(f"select <{LANES} x i1> {self._write_comparison(condition)}, {chosen}", note)
+            return put(f"select <{LANE_COUNT} x i1> {self._write_comparison(condition)}, {chosen}", note)
         product = self._fused_product(value)
         if product is not None:
             return self._write_fma(product, value)
@@ -465,7 +469,7 @@ class Arithmetic:
 
     def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
         """Append a call of an LLVM intrinsic, record its declaration, and return the name of the result."""
-        kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
+        kind, full = self.vector, f"@llvm.{name}.v{LANE_COUNT}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
@@ -475,12 +479,12 @@ class Arithmetic:
         """
         self._lanewise.add(name)
         if self.number_bytes == 4:
-            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES_TYPE}") for operand in operands]
-        value = self._f.put(
-            f"call {DOUBLES_TYPE} @lanes.{name}({', '.join(f'{DOUBLES_TYPE} {operand}' for operand in operands)})",
-            comment,
+            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLE_VECTOR_TYPE}") for operand in operands]
+        typed_operands = ", ".join(f"{DOUBLE_VECTOR_TYPE} {operand}" for operand in operands)
+        value = self._f.put(f"call {DOUBLE_VECTOR_TYPE} @lanes.{name}({typed_operands})", comment)
+        return (
+            value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLE_VECTOR_TYPE} {value} to {self.vector}")
         )
-        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES_TYPE} {value} to {self.vector}")
 
     # ---- narrow inputs and outputs
 
@@ -489,13 +493,13 @@ class Arithmetic:
         vectors are recorded as the components' values.
         """
         f, word = self._f, 8 * self.word_offsets[input_index]
-        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
-        samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANES))]
+        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANE_COUNT)
+        samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANE_COUNT))]
         for c in components:
             value, offset, vector = self.inputs[input_index].values[c], f.multiply(step, c) if c else 0, "poison"
             for k, sample in enumerate(samples):
                 one = f.put(f"load {self.number}, ptr {f.pointer_at(sample, offset)}, align 1")
-                note = value.name if k == LANES - 1 and isinstance(value, TracedValue) else ""
+                note = value.name if k == LANE_COUNT - 1 and isinstance(value, TracedValue) else ""
                 vector = f.put(f"insertelement {self.vector} {vector}, {self.number} {one}, i32 {k}", note)
             self._names[id(value)] = vector, 0
             if id(value) in self.slots:
@@ -506,10 +510,10 @@ class Arithmetic:
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
-        whole = len(parts) // LANES * LANES
-        blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, whole, LANES)]
+        whole = len(parts) // LANE_COUNT * LANE_COUNT
+        blocks = [f.transpose(self.vector, parts[k : k + LANE_COUNT]) for k in range(0, whole, LANE_COUNT)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
-        for first in range(0, LANES * len(parts), LANES):
+        for first in range(0, LANE_COUNT * len(parts), LANE_COUNT):
             piece = self._pack_numbers(samples, parts[whole:], len(parts), first)
             f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
@@ -526,8 +530,8 @@ class Arithmetic:
             first_number: index of the first number in the block, whose rows follow each other.
         """
         picked = []
-        for sample, c in (divmod(j, component_count) for j in range(first_number, first_number + LANES)):
-            block, lane = divmod(c, LANES)
+        for sample, c in (divmod(j, component_count) for j in range(first_number, first_number + LANE_COUNT)):
+            block, lane = divmod(c, LANE_COUNT)
             picked.append(
                 (sample_vectors[sample][block], lane)
                 if c < component_count - len(remaining_vectors)
@@ -536,7 +540,7 @@ class Arithmetic:
         vector, *others = dict.fromkeys(name for name, _ in picked)
         lanes = [lane if name == vector else -1 for name, lane in picked]
         for other in others or ["poison"]:
-            lanes = [LANES + lane if name == other else k for (name, lane), k in zip(picked, lanes, strict=True)]
+            lanes = [LANE_COUNT + lane if name == other else k for (name, lane), k in zip(picked, lanes, strict=True)]
             vector = self._f.shuffle(self.vector, vector, other, lanes)
             lanes = [m if k >= 0 else -1 for m, k in enumerate(lanes)]
         return vector

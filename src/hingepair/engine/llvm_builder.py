@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-LANES: Final = 8  # number of samples in one vector
+LANE_COUNT: Final = 8  # number of samples in one vector
 CACHE_LINE_BYTES: Final = 64  # size of a cache line of the processor
 
 
@@ -157,7 +157,10 @@ class FunctionBuilder:
         the number's type and name, such as "double %v1".
         """
         return self.shuffle(
-            vector_type, self.put(f"insertelement {vector_type} poison, {typed_number}, i32 0"), "poison", [0] * LANES
+            vector_type,
+            self.put(f"insertelement {vector_type} poison, {typed_number}, i32 0"),
+            "poison",
+            [0] * LANE_COUNT,
         )
 
     def shuffle(self, vector_type: str, x: str, y: str, picked_elements: Sequence[int]) -> str:
@@ -180,10 +183,10 @@ class FunctionBuilder:
         of the eight resulting vectors.
         """
         for step in (1, 2, 4):
-            low = [m if not m & step else LANES + m - step for m in range(LANES)]
-            high = [m + step if not m & step else LANES + m for m in range(LANES)]
+            low = [m if not m & step else LANE_COUNT + m - step for m in range(LANE_COUNT)]
+            high = [m + step if not m & step else LANE_COUNT + m for m in range(LANE_COUNT)]
             vectors = [
                 self.shuffle(vector_type, vectors[i & ~step], vectors[i | step], high if i & step else low)
-                for i in range(LANES)
+                for i in range(LANE_COUNT)
             ]
         return vectors

@@ -24,8 +24,12 @@ from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm_arithmetic import Arithmetic, Carry, ComponentGroup, KernelStep
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, number_type, shared_name
-from hingepair.engine.llvm_memory import COMPONENTS_PER_PANEL, MAX_STREAMED_COMPONENTS, PREFETCH_DISTANCE_SAMPLES
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT, FunctionBuilder, number_type, shared_name
+from hingepair.engine.llvm_memory import (
+    MAX_COMPONENTS_OF_STREAMED_OUTPUT,
+    PREFETCH_DISTANCE_SAMPLES,
+    WIDE_OUTPUT_COMPONENTS_PER_PANEL,
+)
 from hingepair.engine.llvm_shared import declarations
 from hingepair.engine.llvm_sines import lanewise_function
 
@@ -123,7 +127,7 @@ class _KernelBuilder:
             arithmetic.store_slot(f, slot, arithmetic.operand(number))
         readers = [_InputReader(self, g, row) for g, row in enumerate(table[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(table[len(self.inputs) :])]
-        lanes = str(LANES)
+        lanes = str(LANE_COUNT)
         with f.loop("%outer", step=lanes if self.scan else "1") as o:
             chains = f.put(f"sub i64 %outer, {o}")
             for reader in readers:
@@ -159,12 +163,12 @@ class _KernelBuilder:
             direct = f.put(f"and i1 {direct}, {writer.dense}")
             if writer.streamed != "false":
                 direct = f.put(f"and i1 {direct}, {f.put(f'xor i1 {writer.streamed}, true')}")
-        stop = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %inner, -{LANES}')}, i64 0")
-        with f.loop(stop, step=str(LANES)) as i:
+        stop = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %inner, -{LANE_COUNT}')}, i64 0")
+        with f.loop(stop, step=str(LANE_COUNT)) as i:
             for writer in writers:
                 writer.set_row_address(writer.row(i))
             for reader in readers:
-                reader.read(i, str(LANES))
+                reader.read(i, str(LANE_COUNT))
             self.call_steps(self.arithmetic.varying_steps)
             for writer in writers:
                 if not writer.group.narrow:
@@ -216,7 +220,7 @@ class _InputReader:
         self.word_offset = 8 * kernel.arithmetic.word_offsets[index]
         self.in_registers = index in kernel.arithmetic.register_inputs
         if self.in_registers:
-            f.do(f"store i64 {self.step}, ptr {f.pointer_at('%places', self.word_offset + 8 * LANES)}, align 8")
+            f.do(f"store i64 {self.step}, ptr {f.pointer_at('%places', self.word_offset + 8 * LANE_COUNT)}, align 8")
             if not self.scan:
                 self.prefetched = self.prefetch_offsets()
         else:
@@ -236,11 +240,11 @@ class _InputReader:
             last = c == self.components[-1] > starts[-1]
             if (c - starts[-1]) * self.kernel.number_bytes >= CACHE_LINE_BYTES or last:
                 starts.append(c)
-        if LANES * len(starts) < self.count:
-            samples = [f.multiply(self.stride, k) for k in range(LANES)]
+        if LANE_COUNT * len(starts) < self.count:
+            samples = [f.multiply(self.stride, k) for k in range(LANE_COUNT)]
             rows = [f.put(f"add i64 {sample}, {f.multiply(self.step, c)}") for sample in samples for c in starts]
         else:
-            along = f.put(f"sdiv i64 {f.multiply(self.stride, LANES)}, {self.count}")
+            along = f.put(f"sdiv i64 {f.multiply(self.stride, LANE_COUNT)}, {self.count}")
             rows = [f.multiply(along, k) for k in range(self.count)]
         columns = [f.multiply(self.step, c) for c in self.components]
         wide, far = (f.put(f"call i64 @llvm.abs.i64(i64 {x}, i1 false)") for x in (self.stride, self.step))
@@ -257,7 +261,7 @@ class _InputReader:
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
         if self.in_registers:
-            self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANES))
+            self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANE_COUNT))
 
     def store_lane_offsets(self, samples_left: str) -> None:
         """Append the store of the byte offsets of a block's eight samples, of which the first `samples_left`
@@ -283,7 +287,7 @@ class _InputReader:
         for distance in self.prefetched:
             f.do(f"call void @llvm.prefetch.p0(ptr {f.pointer_at(row, distance)}, i32 0, i32 2, i32 1)")
         if not samples_left.isdigit():
-            with f.when(f.put(f"icmp slt i64 {samples_left}, {LANES}")):
+            with f.when(f.put(f"icmp slt i64 {samples_left}, {LANE_COUNT}")):
                 self.store_lane_offsets(samples_left)
 
     def read_uniform(self, chains_left: str) -> None:
@@ -306,11 +310,11 @@ class _InputReader:
         to = self.kernel.arithmetic.slot_address(f, self.slot)
         which = f"ptr {self.components_table}, i64 {len(self.components)}"
         source = f"ptr {row_address}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
-        if len(self.components) < self.count or self.count < LANES or not self.group.varies:
+        if len(self.components) < self.count or self.count < LANE_COUNT or not self.group.varies:
             self.kernel.call_shared("gather", f"ptr {to}", which, source)
             return
         dense = f.put(f"icmp eq i64 {self.step}, {self.kernel.number_bytes}")
-        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
+        full = f.put(f"icmp sge i64 {samples_left}, {LANE_COUNT}")
         with f.when_else(f.put(f"and i1 {dense}, {full}")) as otherwise:
             self.kernel.call_shared("columns", f"ptr {to}, i64 {self.count}, ptr {row_address}, i64 {self.stride}")
             otherwise()
@@ -344,15 +348,17 @@ class _OutputWriter:
             joined = f.put(f"icmp eq i64 {self.inner}, {self.row_bytes}")
             side_by_side = f.put(f"icmp eq i64 {self.step}, {self.number_bytes}")
             self.dense = f.put(f"and i1 {joined}, {side_by_side}") if self.count > 1 else joined
-        staged = self.count if self.count <= MAX_STREAMED_COMPONENTS else 2 * COMPONENTS_PER_PANEL
+        staged = (
+            self.count if self.count <= MAX_COMPONENTS_OF_STREAMED_OUTPUT else 2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL
+        )
         if not self.group.narrow:
             self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
-            if not kernel.scan and self.count <= MAX_STREAMED_COMPONENTS:
+            if not kernel.scan and self.count <= MAX_COMPONENTS_OF_STREAMED_OUTPUT:
                 large = f.put(f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_OUTPUT_BYTES_TO_STREAM}")
                 odd = f.put(f"and i64 {f.put(f'or i64 {self.address}, {self.outer}')}, {self.number_bytes - 1}")
                 aligned = f.put(f"icmp eq i64 {odd}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
-        stage_bytes = CACHE_LINE_BYTES + LANES * staged * self.number_bytes
+        stage_bytes = CACHE_LINE_BYTES + LANE_COUNT * staged * self.number_bytes
         buffer = f.put(f"alloca [{stage_bytes} x i8], align {CACHE_LINE_BYTES}")
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
@@ -378,7 +384,7 @@ class _OutputWriter:
         """
         f = self.f
         self.i, self.to, self.rest = inner_index, self.row(inner_index), samples_left
-        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
+        full = f.put(f"icmp sge i64 {samples_left}, {LANE_COUNT}")
         self.direct = f.put(f"and i1 {self.dense}, {full}")
         if self.streamed != "false":
             self.direct = f.put(f"and i1 {self.direct}, {f.put(f'xor i1 {self.streamed}, true')}")
@@ -406,7 +412,7 @@ class _OutputWriter:
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"
-        if self.count > MAX_STREAMED_COMPONENTS:
+        if self.count > MAX_COMPONENTS_OF_STREAMED_OUTPUT:
             with f.when_else(self.direct) as otherwise:
                 self.write_rows(self.to, "false")
                 otherwise()
@@ -418,7 +424,7 @@ class _OutputWriter:
             if self.streamed != "false":
                 filled = f.put(f"and i1 {self.streamed}, {f.put(f'icmp ne i64 {self.i}, 0')}")
                 with f.when(filled):
-                    self.flush(f.put(f"sub i64 {self.i}, {LANES}"), str(LANES), "false")
+                    self.flush(f.put(f"sub i64 {self.i}, {LANE_COUNT}"), str(LANE_COUNT), "false")
             self.write_rows(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"), filled)
         done = f.put(f"or i1 {self.direct}, {self.streamed}")
         with f.when(f.put(f"xor i1 {done}, true")):
@@ -431,5 +437,5 @@ class _OutputWriter:
         f = self.f
         if self.streamed != "false":
             with f.when(self.streamed):
-                block = f.put(f"and i64 {f.put('sub i64 %inner, 1')}, -{LANES}")
+                block = f.put(f"and i64 {f.put('sub i64 %inner, 1')}, -{LANE_COUNT}")
                 self.flush(block, f.put(f"sub i64 %inner, {block}"), "true")

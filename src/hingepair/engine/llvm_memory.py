@@ -14,22 +14,22 @@ from __future__ import annotations
 
 from typing import Final
 
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, shared_name
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT, FunctionBuilder, shared_name
 
-PREFETCH_DISTANCE_SAMPLES: Final = 2 * LANES
+PREFETCH_DISTANCE_SAMPLES: Final = 2 * LANE_COUNT
 """Number of samples by which inputs are prefetched ahead: enough to cover the latency of memory."""
 
-COMPONENTS_PER_PANEL: Final = 64
+WIDE_OUTPUT_COMPONENTS_PER_PANEL: Final = 64
 """Number of components of a very wide output that are staged at a time."""
 
-MAX_STREAMED_COMPONENTS: Final = 512
+MAX_COMPONENTS_OF_STREAMED_OUTPUT: Final = 512
 """Largest number of components of an output whose blocks have a stage (of 32 kB) and may be streamed."""
 
 _CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
 # Parameters of a function that stores samples into an output of any strides.
 _TARGET_ARRAY_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
-MEMORY_PARAMETERS_BY_FUNCTION: Final = {
+LLVM_PARAMETERS_BY_MEMORY_FUNCTION: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
@@ -46,12 +46,14 @@ bytes between components, `rest` the number of remaining samples including the f
 """
 
 # Declarations of the functions of LLVM that the functions here call.
-_MEMORY_DECLARATIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
+_LLVM_MEMORY_DECLARATIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 declare i64 @llvm.umin.i64(i64, i64)"""
 
 
 def memory_functions(float_type: str) -> list[str]:
-    """Return the LLVM code of the functions that load and store samples of type "double" or "float", in a list."""
+    """Return a list of LLVM code for numbers of type "double" or "float": declarations, then the functions that load
+    samples into vectors and store results.
+    """
     makers = (
         _lanes_function,
         _gather_function,
@@ -62,18 +64,21 @@ def memory_functions(float_type: str) -> list[str]:
         _panels_function,
         _flush_function,
     )
-    return [_MEMORY_DECLARATIONS, *(make(float_type, 8 if float_type == "double" else 4) for make in makers)]
+    return [_LLVM_MEMORY_DECLARATIONS, *(make(float_type, 8 if float_type == "double" else 4) for make in makers)]
 
 
 def _begin_function(name: str, float_type: str) -> FunctionBuilder:
-    """Return the builder of a shared function for numbers of type "double" or "float"."""
-    return FunctionBuilder(f"void {shared_name(name, float_type)}({MEMORY_PARAMETERS_BY_FUNCTION[name]})")
+    """Return the builder of a shared memory function, begun with its signature, for numbers of type "double" or
+    "float".
+    """
+    return FunctionBuilder(f"void {shared_name(name, float_type)}({LLVM_PARAMETERS_BY_MEMORY_FUNCTION[name]})")
 
 
 def _lanes_function(float_type: str, _: int) -> str:
-    """Return the LLVM function `lanes`, which stores the byte offsets of samples in lanes 1 to 7 from lane 0.
+    """Return the LLVM code of the function `lanes`, which stores the byte offsets of lanes 1 to 7 from lane 0. Lanes
+    beyond the last sample get the offset 0.
 
-    Lanes behind the last sample repeat the first.
+    With the offset 0, these lanes repeat the first sample.
     """
     f = _begin_function("lanes", float_type)
     for k, offset in enumerate(_lane_offsets(f)):
@@ -83,15 +88,19 @@ def _lanes_function(float_type: str, _: int) -> str:
 
 
 def _lane_offsets(f: FunctionBuilder) -> list[str]:
-    """Append the byte offsets of the samples in lanes 1 to 7 from that in lane 0, and return their names."""
-    inside = [f.put(f"icmp slt i64 {k}, %rest") for k in range(1, LANES)]
+    """Append the byte offsets of lanes 1 to 7 from lane 0, and return the list of their names. Lanes beyond the last
+    sample get the offset 0.
+    """
+    inside = [f.put(f"icmp slt i64 {k}, %rest") for k in range(1, LANE_COUNT)]
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]
 
 
 def _gather_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `gather`, which loads the components in `which` of eight samples into vectors."""
+    """Return the LLVM code of the function `gather`, which loads selected components of eight samples into vectors,
+    from memory of any strides.
+    """
     f = _begin_function("gather", float_type)
-    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
+    vector, vector_bytes = f"<{LANE_COUNT} x {float_type}>", LANE_COUNT * number_bytes
 
     def keep(c: str, value: str) -> None:
         f.do(f"store {vector} {value}, ptr {f.pointer_at('%to', f.multiply(c, vector_bytes))}, align {vector_bytes}")
@@ -115,7 +124,9 @@ def _gather_function(float_type: str, number_bytes: int) -> str:
 
 
 def _numbers_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `numbers`, which copies the components in `which` of a sample into an array."""
+    """Return the LLVM code of the function `numbers`, which copies selected components of one sample into a
+    contiguous array.
+    """
     f = _begin_function("numbers", float_type)
     with f.loop("%count") as c:
         source = f.pointer_at("%row", f.multiply(f.load_entry("%which", c), "%step"))
@@ -128,19 +139,20 @@ def _numbers_function(float_type: str, number_bytes: int) -> str:
 
 
 def _columns_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `columns`, which loads eight contiguous rows, of eight or more components, as vectors.
+    """Return the LLVM code of the function `columns`, which loads eight contiguous rows of eight or more components
+    and stores each component as a vector of eight samples.
 
     Eight components are transposed at a time; the last eight overlap those before them where the count is no
     multiple of eight.
     """
     f = _begin_function("columns", float_type)
-    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
-    last = f.put(f"sub i64 %count, {LANES}")
-    with f.loop("%count", step=str(LANES)) as c:
+    vector, vector_bytes = f"<{LANE_COUNT} x {float_type}>", LANE_COUNT * number_bytes
+    last = f.put(f"sub i64 %count, {LANE_COUNT}")
+    with f.loop("%count", step=str(LANE_COUNT)) as c:
         first = f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})")
         samples = [
             f.pointer_at(f.pointer_at("%row", f.multiply(first, number_bytes)), f.multiply("%stride", k))
-            for k in range(LANES)
+            for k in range(LANE_COUNT)
         ]
         ahead = f.multiply("%stride", PREFETCH_DISTANCE_SAMPLES)
         rows = []
@@ -155,9 +167,11 @@ def _columns_function(float_type: str, number_bytes: int) -> str:
 
 
 def _scatter_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `scatter`, which copies contiguous rows to an output of any strides."""
+    """Return the LLVM code of the function `scatter`, which copies up to eight contiguous rows into an output of any
+    strides.
+    """
     f = _begin_function("scatter", float_type)
-    with f.loop(f.put(f"call i64 @llvm.umin.i64(i64 %rest, i64 {LANES})")) as r:
+    with f.loop(f.put(f"call i64 @llvm.umin.i64(i64 %rest, i64 {LANE_COUNT})")) as r:
         target = f.pointer_at("%to", f.multiply(r, "%stride"))
         source = f.pointer_at("%from", f.multiply(f.multiply(r, "%count"), number_bytes))
         with f.loop("%count") as c:
@@ -170,18 +184,19 @@ def _scatter_function(float_type: str, number_bytes: int) -> str:
 
 
 def _rows_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `rows`, which stores eight rows, of eight or more components, `pitch` bytes apart.
+    """Return the LLVM code of the function `rows`, which reads the components' vectors from the frame and stores them
+    as eight rows, `pitch` bytes apart.
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
     the frame. The first offset of a tile of one constant has its bits flipped; where `filled`, the rows hold such
     constants already. The last tile overlaps the one before it where the count is no multiple of eight.
     """
     f = _begin_function("rows", float_type)
-    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
-    last = f.put(f"sub i64 %count, {LANES}")
-    with f.loop("%count", step=str(LANES)) as c:
+    vector, vector_bytes = f"<{LANE_COUNT} x {float_type}>", LANE_COUNT * number_bytes
+    last = f.put(f"sub i64 %count, {LANE_COUNT}")
+    with f.loop("%count", step=str(LANE_COUNT)) as c:
         target = f.pointer_at("%to", f.multiply(f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})"), number_bytes))
-        targets = [f.pointer_at(target, f.multiply("%pitch", k)) for k in range(LANES)]
+        targets = [f.pointer_at(target, f.multiply("%pitch", k)) for k in range(LANE_COUNT)]
         tile = f.pointer_at("%tiles", f.multiply(c, 4))
         lead = f.put(f"load i32, ptr {tile}, align 4")
         with f.when_else(f.put(f"icmp slt i32 {lead}, 0")) as otherwise:
@@ -191,7 +206,7 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
                 for place in targets:
                     f.do(f"store {vector} {constant}, ptr {place}, align 1")
             otherwise()
-            places = [f.pointer_at("%frame", f.load_entry(tile, str(k))) for k in range(LANES)]
+            places = [f.pointer_at("%frame", f.load_entry(tile, str(k))) for k in range(LANE_COUNT)]
             columns = [f.put(f"load {vector}, ptr {place}, align {vector_bytes}") for place in places]
             for place, row in zip(targets, f.transpose(vector, columns), strict=True):
                 f.do(f"store {vector} {row}, ptr {place}, align 1")
@@ -200,15 +215,18 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
 
 def _panels_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `panels`, which scatters very wide rows in panels of components to an output.
+    """Return the LLVM code of the function `panels`, which copies very wide rows from the frame into an output of any
+    strides, one panel of components at a time.
 
     The last panel may be twice as wide as the others.
     """
     f = _begin_function("panels", float_type)
-    with f.loop(f.put(f"sub i64 %count, {COMPONENTS_PER_PANEL - 1}"), step=str(COMPONENTS_PER_PANEL)) as c:
+    with f.loop(
+        f.put(f"sub i64 %count, {WIDE_OUTPUT_COMPONENTS_PER_PANEL - 1}"), step=str(WIDE_OUTPUT_COMPONENTS_PER_PANEL)
+    ) as c:
         left = f.put(f"sub i64 %count, {c}")
-        is_last = f.put(f"icmp slt i64 {left}, {2 * COMPONENTS_PER_PANEL}")
-        count = f.put(f"select i1 {is_last}, i64 {left}, i64 {COMPONENTS_PER_PANEL}")
+        is_last = f.put(f"icmp slt i64 {left}, {2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL}")
+        count = f.put(f"select i1 {is_last}, i64 {left}, i64 {WIDE_OUTPUT_COMPONENTS_PER_PANEL}")
         tiles, to = f.pointer_at("%tiles", f.multiply(c, 4)), f.pointer_at("%to", f.multiply(c, "%step"))
         stage = f"ptr %stage, i64 {f.multiply(count, number_bytes)}"
         f.do(f"call void {shared_name('rows', float_type)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
@@ -219,10 +237,11 @@ def _panels_function(float_type: str, number_bytes: int) -> str:
 
 
 def _flush_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM function `flush`, which streams a block of `bytes` bytes from its stage to the address `at`.
+    """Return the LLVM code of the function `flush`, which copies a block from its stage to the output by streaming
+    stores of complete cache lines.
 
-    Whole cache lines are written; the rest of the block is copied in front of the stage, or written number by number
-    if the block is the last one. The output begins at the address `first`.
+    The block is `bytes` bytes long and goes to the address `at`; the output begins at the address `first`. The rest
+    of the block is copied in front of the stage, or written number by number if the block is the last one.
     """
     f = _begin_function("flush", float_type)
     off = f.put(f"and i64 %at, {CACHE_LINE_BYTES - 1}")

@@ -5,131 +5,144 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal, shared_name
+from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecimal, shared_name
 
 SINE_OPERATION_NAMES: Final = ("sin", "cos", "versine")  # in the order in which the function stores its results
-DOUBLES_TYPE: Final = f"<{LANES} x double>"  # LLVM's type of a vector of doubles, one for each lane
+DOUBLE_VECTOR_TYPE: Final = f"<{LANE_COUNT} x double>"  # LLVM's type of a vector of doubles, one for each lane
 
-_MAX_REDUCED_ANGLE: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
+_MAX_REDUCED_ANGLE_RAD: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
 _INTEGER_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52; adding it rounds to an integer in the low bits
-_HALF_PI_PARTS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
+_HALF_PI_SUMMANDS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
 # Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r / r - 1) / r^2 with a relative error of
 # 2e-17 and (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18.
-_SIN_COEFFS: Final = (
+_SIN_POLYNOMIAL_COEFFS: Final = (
     *(1.5918115263265974e-10, -2.505113165023518e-08, 2.7557316101617874e-06),
     *(-0.00019841269836756774, 0.008333333333330948, -0.16666666666666666),
 )
 # Coefficients of the second polynomial, highest power first.
-_COS_COEFFS: Final = (
+_COS_POLYNOMIAL_COEFFS: Final = (
     *(-1.1382623647474604e-11, 2.087614614655861e-09, -2.7557317271145144e-07),
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),
 )
 _TWO_OVER_PI: Final = 0.6366197723675814  # quarter turns per radian
-_SINE_TABLE_NUMBERS: Final = (
-    *_HALF_PI_PARTS,
-    *_SIN_COEFFS,
-    *_COS_COEFFS,
+_SINE_CONSTANTS_TABLE: Final = (
+    *_HALF_PI_SUMMANDS,
+    *_SIN_POLYNOMIAL_COEFFS,
+    *_COS_POLYNOMIAL_COEFFS,
     _TWO_OVER_PI,
     _INTEGER_ROUNDING_OFFSET,
     0.5,
     1.0,
-    _MAX_REDUCED_ANGLE,
+    _MAX_REDUCED_ANGLE_RAD,
 )
 """All constants of the generated sines, in the order of their table in memory."""
 
 
-SINE_PARAMETERS_BY_FUNCTION: Final = {"sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"}
+LLVM_PARAMETERS_BY_SINE_FUNCTION: Final = {
+    "sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"
+}
 """Parameter list (LLVM IR) of each sine function that kernels call, by its name."""
 
 
 def sine_functions(number: str) -> list[str]:
-    """Return the LLVM code that computes sines of vectors of type "double" or "float", as a list of parts."""
-    return [_SINE_DECLARATIONS, _constants_table(), _sines_function(number), _large_angles_function()]
+    """Return a list of LLVM code, declarations and functions, that computes sine, cosine and 1 - cosine of vectors of
+    type "double" or "float".
+    """
+    return [_LLVM_SINE_DECLARATIONS, _constants_table(), _sines_function(number), _large_angles_function()]
 
 
 # Declarations of the functions that the generated sines call.
-_SINE_DECLARATIONS: Final = f"""declare {DOUBLES_TYPE} @llvm.fma.v{LANES}f64({", ".join(3 * [DOUBLES_TYPE])})
-declare {DOUBLES_TYPE} @llvm.fabs.v{LANES}f64({DOUBLES_TYPE})
+_LLVM_SINE_DECLARATIONS: Final = f"""
+declare {DOUBLE_VECTOR_TYPE} @llvm.fma.v{LANE_COUNT}f64({", ".join(3 * [DOUBLE_VECTOR_TYPE])})
+declare {DOUBLE_VECTOR_TYPE} @llvm.fabs.v{LANE_COUNT}f64({DOUBLE_VECTOR_TYPE})
 declare double @llvm.fabs.f64(double)
 declare double @sin(double)
 declare double @cos(double)"""
 
 
 def _constants_table() -> str:
-    """Return the LLVM definitions of the table of constants and of a variable that points to the table.
+    """Return the LLVM definitions of the table of constants that the sines use, and of a global variable that points
+    to the table.
 
     LLVM cannot know the content of a variable, and so loads each constant in the instruction that uses it. For
     constants in the code, LLVM would load the addresses first and keep all of them in registers, which would spill.
     """
-    numbers = ", ".join(f"double {hexadecimal(number)}" for number in _SINE_TABLE_NUMBERS)
-    table = f"@constants = internal constant [{len(_SINE_TABLE_NUMBERS)} x double] [{numbers}], align 64"
+    numbers = ", ".join(f"double {hexadecimal(number)}" for number in _SINE_CONSTANTS_TABLE)
+    table = f"@constants = internal constant [{len(_SINE_CONSTANTS_TABLE)} x double] [{numbers}], align 64"
     return f"{table}\n@constants.address = internal global ptr @constants"
 
 
 def _sines_function(number: str) -> str:
-    """Return the LLVM function `sines`, which stores sine, cosine and 1 - cosine of vectors of angles.
+    """Return the LLVM code of the function `sines`, which stores sine, cosine and 1 - cosine of each vector of angles
+    [rad], one behind the other. `number` is the type "double" or "float".
 
     Sine and cosine are right to 1.5 ulp, 1 - cosine to 2.5 ulp.
 
-    The angles [rad] are the vectors of a frame whose slot numbers are in `slots`; the results are stored one behind
-    the other. An angle is reduced by the nearest multiple of pi/2, in three parts; the quadrant selects polynomial
-    and sign. Vectors with an angle beyond `_MAX_REDUCED_ANGLE`, inf or NaN are computed again lane by lane.
+    The angles are the vectors of a frame whose slot numbers are in `slots`. An angle is reduced by the nearest
+    multiple of pi/2, in three parts; the quadrant selects polynomial and sign. Vectors with an angle beyond
+    `_MAX_REDUCED_ANGLE_RAD`, inf or NaN are computed again lane by lane.
     """
     size = 8 if number == "double" else 4
-    vector = f"<{LANES} x {number}>"
-    f = FunctionBuilder(f"void {shared_name('sines', number)}({SINE_PARAMETERS_BY_FUNCTION['sines']})")
-    scratch = f.put(f"alloca [4 x {DOUBLES_TYPE}], align 64")
+    vector = f"<{LANE_COUNT} x {number}>"
+    f = FunctionBuilder(f"void {shared_name('sines', number)}({LLVM_PARAMETERS_BY_SINE_FUNCTION['sines']})")
+    scratch = f.put(f"alloca [4 x {DOUBLE_VECTOR_TYPE}], align 64")
     f.do("%constants = load ptr, ptr @constants.address, align 8")
     with f.loop("%count") as k:
-        place = f.pointer_at("%frame", f.multiply(f.load_entry("%slots", k), LANES * size))
-        x = f.put(f"load {vector}, ptr {place}, align {LANES * size}")
+        place = f.pointer_at("%frame", f.multiply(f.load_entry("%slots", k), LANE_COUNT * size))
+        x = f.put(f"load {vector}, ptr {place}, align {LANE_COUNT * size}")
         if size == 4:
-            x = f.put(f"fpext {vector} {x} to {DOUBLES_TYPE}")
-        target = f.pointer_at("%to", f.multiply(k, len(SINE_OPERATION_NAMES) * LANES * size))
+            x = f.put(f"fpext {vector} {x} to {DOUBLE_VECTOR_TYPE}")
+        target = f.pointer_at("%to", f.multiply(k, len(SINE_OPERATION_NAMES) * LANE_COUNT * size))
         terms = _write_reduced_sines(f, x)
         _store_terms(f, number, terms, target)
-        absolute = f.put(f"call {DOUBLES_TYPE} @llvm.fabs.v{LANES}f64({DOUBLES_TYPE} {x})")
-        inside = f.put(f"fcmp ole {DOUBLES_TYPE} {absolute}, {_load_constant(f, _MAX_REDUCED_ANGLE)}")
-        bits = f.put(f"bitcast <{LANES} x i1> {inside} to i{LANES}")
-        with f.when(f.put(f"icmp ne i{LANES} {bits}, -1")):
-            places = [f.pointer_at(scratch, 8 * LANES * j) for j in range(4)]
+        absolute = f.put(f"call {DOUBLE_VECTOR_TYPE} @llvm.fabs.v{LANE_COUNT}f64({DOUBLE_VECTOR_TYPE} {x})")
+        inside = f.put(f"fcmp ole {DOUBLE_VECTOR_TYPE} {absolute}, {_load_constant(f, _MAX_REDUCED_ANGLE_RAD)}")
+        bits = f.put(f"bitcast <{LANE_COUNT} x i1> {inside} to i{LANE_COUNT}")
+        with f.when(f.put(f"icmp ne i{LANE_COUNT} {bits}, -1")):
+            places = [f.pointer_at(scratch, 8 * LANE_COUNT * j) for j in range(4)]
             for term, place in zip((x, *terms), places, strict=True):
-                f.do(f"store {DOUBLES_TYPE} {term}, ptr {place}, align 64")
+                f.do(f"store {DOUBLE_VECTOR_TYPE} {term}, ptr {place}, align 64")
             f.do(f"call void @far(ptr {scratch})")
-            corrected = [f.put(f"load {DOUBLES_TYPE}, ptr {place}, align 64") for place in places[1:]]
+            corrected = [f.put(f"load {DOUBLE_VECTOR_TYPE}, ptr {place}, align 64") for place in places[1:]]
             _store_terms(f, number, corrected, target)
     f.do("ret void")
     return f.text()
 
 
 def _store_terms(f: FunctionBuilder, number: str, terms: Sequence[str], target: str) -> None:
-    """Append stores of vectors of doubles one behind the other at `target`, converted to "double" or "float"."""
-    size, vector = (8 if number == "double" else 4), f"<{LANES} x {number}>"
+    """Append stores of vectors of doubles, one behind the other from the address `target` on. For the number type
+    "float" the vectors are rounded first.
+    """
+    size, vector = (8 if number == "double" else 4), f"<{LANE_COUNT} x {number}>"
     for j, term in enumerate(terms):
-        one = term if size == 8 else f.put(f"fptrunc {DOUBLES_TYPE} {term} to {vector}")
-        f.do(f"store {vector} {one}, ptr {f.pointer_at(target, LANES * size * j)}, align {LANES * size}")
+        one = term if size == 8 else f.put(f"fptrunc {DOUBLE_VECTOR_TYPE} {term} to {vector}")
+        f.do(f"store {vector} {one}, ptr {f.pointer_at(target, LANE_COUNT * size * j)}, align {LANE_COUNT * size}")
 
 
 def _load_constant(f: FunctionBuilder, number: float) -> str:
-    """Append the load of a constant into all lanes of a vector, and return the name of the vector."""
-    one = f.put(f"load double, ptr {f.pointer_at('%constants', 8 * _SINE_TABLE_NUMBERS.index(number))}, align 8")
-    return f.splat(DOUBLES_TYPE, f"double {one}")
+    """Append the load of a constant from the table into all lanes of a vector, and return the name of the vector."""
+    one = f.put(f"load double, ptr {f.pointer_at('%constants', 8 * _SINE_CONSTANTS_TABLE.index(number))}, align 8")
+    return f.splat(DOUBLE_VECTOR_TYPE, f"double {one}")
 
 
 def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
-    """Append sine, cosine and 1 - cosine of angles up to `_MAX_REDUCED_ANGLE`; return their three names."""
+    """Append the computation of sine, cosine and 1 - cosine of a vector x of angles up to `_MAX_REDUCED_ANGLE_RAD`,
+    and return the names of the three vectors.
+    """
     put = f.put
-    integers = f"<{LANES} x i64>"
+    integers = f"<{LANE_COUNT} x i64>"
 
     def constant(number: float) -> str:
         return _load_constant(f, number)
 
     def fma(a: str, b: str, c: str) -> str:
-        factors = ", ".join(f"{DOUBLES_TYPE} {factor}" for factor in (a, b, c))
-        return put(f"call {DOUBLES_TYPE} @llvm.fma.v{LANES}f64({factors})")
+        factors = ", ".join(f"{DOUBLE_VECTOR_TYPE} {factor}" for factor in (a, b, c))
+        return put(f"call {DOUBLE_VECTOR_TYPE} @llvm.fma.v{LANE_COUNT}f64({factors})")
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
-        """Append a polynomial of the vector z by Horner's scheme, highest power first; return its name."""
+        """Append the evaluation of a polynomial of the vector z by Horner's scheme, highest power first, and return
+        the name of the result.
+        """
         value = constant(coefficients[0])
         for c in coefficients[1:]:
             value = fma(z, value, constant(c))
@@ -139,55 +152,60 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
         return put(f"icmp ne {integers} {put(f'and {integers} {quadrant}, splat (i64 {mask})')}, zeroinitializer")
 
     def pick(condition: str, a: str, b: str) -> str:
-        return put(f"select <{LANES} x i1> {condition}, {DOUBLES_TYPE} {a}, {DOUBLES_TYPE} {b}")
+        return put(f"select <{LANE_COUNT} x i1> {condition}, {DOUBLE_VECTOR_TYPE} {a}, {DOUBLE_VECTOR_TYPE} {b}")
 
     shifted = fma(x, constant(_TWO_OVER_PI), constant(_INTEGER_ROUNDING_OFFSET))
-    quadrant = put(f"bitcast {DOUBLES_TYPE} {shifted} to {integers}")
-    back = put(f"fsub {DOUBLES_TYPE} {constant(_INTEGER_ROUNDING_OFFSET)}, {shifted}")
+    quadrant = put(f"bitcast {DOUBLE_VECTOR_TYPE} {shifted} to {integers}")
+    back = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(_INTEGER_ROUNDING_OFFSET)}, {shifted}")
     r = x
-    for part in _HALF_PI_PARTS:
+    for part in _HALF_PI_SUMMANDS:
         r = fma(back, constant(part), r)
-    z = put(f"fmul {DOUBLES_TYPE} {r}, {r}")
-    small = fma(put(f"fmul {DOUBLES_TYPE} {r}, {z}"), polynomial(z, _SIN_COEFFS), r)
-    square = put(f"fneg {DOUBLES_TYPE} {put(f'fmul {DOUBLES_TYPE} {z}, {z}')}")
-    drop = fma(square, polynomial(z, _COS_COEFFS), put(f"fmul {DOUBLES_TYPE} {z}, {constant(0.5)}"))
-    large = put(f"fsub {DOUBLES_TYPE} {constant(1.0)}, {drop}")
+    z = put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {r}")
+    small = fma(put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {z}"), polynomial(z, _SIN_POLYNOMIAL_COEFFS), r)
+    square = put(f"fneg {DOUBLE_VECTOR_TYPE} {put(f'fmul {DOUBLE_VECTOR_TYPE} {z}, {z}')}")
+    drop = fma(square, polynomial(z, _COS_POLYNOMIAL_COEFFS), put(f"fmul {DOUBLE_VECTOR_TYPE} {z}, {constant(0.5)}"))
+    large = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(1.0)}, {drop}")
     odd = bit(1, quadrant)
     sine, cosine = pick(odd, large, small), pick(odd, small, large)
-    sine = pick(bit(2, quadrant), put(f"fneg {DOUBLES_TYPE} {sine}"), sine)
+    sine = pick(bit(2, quadrant), put(f"fneg {DOUBLE_VECTOR_TYPE} {sine}"), sine)
     turned = put(f"add {integers} {quadrant}, splat (i64 1)")
-    cosine = pick(bit(2, turned), put(f"fneg {DOUBLES_TYPE} {cosine}"), cosine)
-    rest = put(f"fsub {DOUBLES_TYPE} {constant(1.0)}, {cosine}")
+    cosine = pick(bit(2, turned), put(f"fneg {DOUBLE_VECTOR_TYPE} {cosine}"), cosine)
+    rest = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(1.0)}, {cosine}")
     return sine, cosine, pick(bit(3, quadrant), rest, drop)
 
 
 def _large_angles_function() -> str:
-    """Return the LLVM function `far`, which recomputes the sines of large angles by the C library.
+    """Return the LLVM code of the function `far`, which recomputes sine, cosine and 1 - cosine of the angles above
+    `_MAX_REDUCED_ANGLE_RAD`, of inf and of NaN by the C library.
 
     The results are stored behind the angles.
     """
     f = FunctionBuilder("internal void @far(ptr %angles) noinline cold")
-    with f.loop(str(LANES)) as k:
+    with f.loop(str(LANE_COUNT)) as k:
         place = f.pointer_at("%angles", f.multiply(k, 8))
         x = f.put(f"load double, ptr {place}")
         absolute = f.put(f"call double @llvm.fabs.f64(double {x})")
-        with f.when(f.put(f"fcmp ugt double {absolute}, {hexadecimal(_MAX_REDUCED_ANGLE)}")):
+        with f.when(f.put(f"fcmp ugt double {absolute}, {hexadecimal(_MAX_REDUCED_ANGLE_RAD)}")):
             sine, cosine = (f.put(f"call double @{name}(double {x})") for name in ("sin", "cos"))
             half = f.put(f"call double @sin(double {f.put(f'fmul double {x}, {hexadecimal(0.5)}')})")
             square = f.put(f"fmul double {half}, {half}")
             for j, term in enumerate((sine, cosine, f.put(f"fadd double {square}, {square}")), 1):
-                f.do(f"store double {term}, ptr {f.pointer_at(place, 8 * LANES * j)}")
+                f.do(f"store double {term}, ptr {f.pointer_at(place, 8 * LANE_COUNT * j)}")
     f.do("ret void")
     return f.text()
 
 
 def lanewise_function(name: str) -> str:
-    """Return an LLVM function of two vectors that calls a function of the C library for each lane."""
-    f = FunctionBuilder(f"internal {DOUBLES_TYPE} @lanes.{name}({DOUBLES_TYPE} %a, {DOUBLES_TYPE} %b) noinline")
+    """Return LLVM code that declares a function of the C library with two arguments, and defines a function that
+    calls it for each lane of two vectors.
+    """
+    f = FunctionBuilder(
+        f"internal {DOUBLE_VECTOR_TYPE} @lanes.{name}({DOUBLE_VECTOR_TYPE} %a, {DOUBLE_VECTOR_TYPE} %b) noinline"
+    )
     value = "poison"
-    for k in range(LANES):
-        x, y = (f.put(f"extractelement {DOUBLES_TYPE} {v}, i32 {k}") for v in ("%a", "%b"))
+    for k in range(LANE_COUNT):
+        x, y = (f.put(f"extractelement {DOUBLE_VECTOR_TYPE} {v}, i32 {k}") for v in ("%a", "%b"))
         one = f.put(f"call double @{name}(double {x}, double {y})")
-        value = f.put(f"insertelement {DOUBLES_TYPE} {value}, double {one}, i32 {k}")
-    f.do(f"ret {DOUBLES_TYPE} {value}")
+        value = f.put(f"insertelement {DOUBLE_VECTOR_TYPE} {value}, double {one}, i32 {k}")
+    f.do(f"ret {DOUBLE_VECTOR_TYPE} {value}")
     return f"declare double @{name}(double, double)\n\n{f.text()}"

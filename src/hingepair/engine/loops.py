@@ -38,7 +38,7 @@ from hingepair.engine.llvm_arithmetic import Carry, ComponentGroup
 from hingepair.engine.llvm_builder import number_type
 from hingepair.engine.llvm_ir import kernel_ir
 from hingepair.engine.trace import (
-    FUNCTION_OPERATION_NAMES,
+    NON_ARITHMETIC_OPERATION_NAMES,
     Operand,
     Trace,
     TracedValue,
@@ -56,18 +56,19 @@ if TYPE_CHECKING:
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
-_NUMPY_BLOCK_SAMPLES: Final = 2048
+_NUMPY_SAMPLES_PER_BLOCK: Final = 2048
 """Number of samples that NumPy computes at a time: 16 kB for each component."""
 
-_MAX_CONVERTED_BYTES: Final = 4_000_000
+_MAX_BYTES_PER_DTYPE_CONVERSION: Final = 4_000_000
 """Number of bytes that are converted to another dtype at a time (one block is still held while the next is made)."""
 
-_OPERATIONS_PER_FUNCTION: Final = 10
+_WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
 """Number of operations that a sine, a square root and the like count as."""
 
 
 class KernelKey(NamedTuple):
-    """Key by which a program finds a kernel: which inputs are uniform, widths of outputs, and dtype.
+    """Key by which a program finds a kernel: which input arrays are uniform (equal for all inner samples), how many
+    components each output array has, and the dtype's character.
 
     Attributes:
         uniform: for each input array, whether it stays the same along the inner axis.
@@ -81,7 +82,8 @@ class KernelKey(NamedTuple):
 
 
 class Loop:
-    """A function of scalars, which is traced and run over many samples by NumPy or machine code.
+    """A function of scalars with the shapes of its inputs and outputs. It is traced once for each pattern of inputs
+    and run over many samples by NumPy, Python or machine code.
 
     Args:
         name: name of the generated code.
@@ -117,7 +119,9 @@ class Loop:
     def run(
         self, values: Mapping[str, Any], out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Write the outputs of all samples into the arrays of `out`; their shape is (*shape, *shape of one sample).
+        """Compute the outputs of all samples from inputs by name, and write them into the arrays of `out`, whose
+        shape is (*shape, *shape of one sample). Compiles a kernel if the backend asks for it; raises an error if that
+        fails.
 
         Args:
             values: inputs by name: arrays with the components last, or tuples of components; a component is a number
@@ -135,7 +139,7 @@ class Loop:
         self.program(bound.pattern).run(bound, out, shape, dtype, execution)
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
-        """Return the components of all outputs by name, computed by another array library.
+        """Return a dictionary of outputs computed by another array library; each output is a tuple of its components.
 
         Args:
             values: inputs by name: numbers and arrays of the library, vectors as tuples of numbers and arrays.
@@ -149,7 +153,8 @@ class Loop:
 
 
 class OperationCounts(NamedTuple):
-    """Numbers of operations of a program: for each sample, shared by all samples, and before folding.
+    """Numbers of operations of a program: those done for each sample, those done once for all samples, and those of
+    the program without known inputs.
 
     Attributes:
         per_sample: operations for each sample.
@@ -163,12 +168,12 @@ class OperationCounts(NamedTuple):
 
     @property
     def folded(self) -> int:
-        """Number of operations that fold away."""
+        """Number of operations that known inputs make unnecessary."""
         return self.unfolded - self.per_sample - self.shared
 
 
 class TracedFunction(NamedTuple):
-    """Inputs and results of a traced function.
+    """Traced constants, traced components of each input array, and results by name of a traced function.
 
     Attributes:
         constants: traced values of the constants.
@@ -181,7 +186,7 @@ class TracedFunction(NamedTuple):
     results: dict[str, Any]
 
     def output_components(self, outputs: NamedShapes) -> list[Operand]:
-        """Return the components of all outputs in one flat list."""
+        """Return the components of the named outputs in one flat list."""
         return [component for name, _ in outputs for component in components(self.results[name])]
 
 
@@ -189,7 +194,9 @@ _CachedType = TypeVar("_CachedType")
 
 
 class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
-    """A cached property without the lock of Python 3.11, which a fork could leave locked in the child for ever."""
+    """A cached property without a lock. In Python 3.11, a fork could leave the lock of `functools.cached_property`
+    held for ever in the child process.
+    """
 
     def __get__(self, instance: Any, owner: type[Any] | None = None) -> _CachedType:  # type: ignore[override]
         value = instance.__dict__[self.attrname] = self.func(instance)
@@ -197,7 +204,8 @@ class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
 
 
 class Program:
-    """A loop's function, traced and folded for one pattern of inputs.
+    """A loop's function, traced and folded for one pattern of inputs, with its generated Python functions and its
+    compiled kernels.
 
     Args:
         loop: the loop.
@@ -216,7 +224,9 @@ class Program:
     def run(
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Run the program over bound inputs, and write the outputs into `out`, as `Loop.run` does."""
+        """Compute the outputs from bound inputs by NumPy, Python or a kernel, and write them into the arrays of
+        `out`. Compiles a kernel if the execution policy asks for it; raises an error if that fails.
+        """
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
         ]
@@ -238,7 +248,7 @@ class Program:
             run_kernel(kernel.run, layout, bound.arrays, targets, constants, execution.workers, chained)
         else:  # in blocks, so that the converted copies take little memory
             sample_bytes = dtype.itemsize * sum(array.shape[-1] for array in bound.arrays)
-            for block in split_into_blocks(shape, max(1, _MAX_CONVERTED_BYTES // sample_bytes)):
+            for block in split_into_blocks(shape, max(1, _MAX_BYTES_PER_DTYPE_CONVERSION // sample_bytes)):
                 converted = [load(array, (*block, slice(array.shape[-1])), dtype) for array in bound.arrays]
                 buffers = {name: array[block] for name, array in out.items()}
                 block_shape = tuple(axis.stop - axis.start for axis in block)
@@ -246,14 +256,17 @@ class Program:
                 self.run(bound._replace(arrays=converted), buffers, block_shape, dtype, compiled)
 
     def default_kernel_key(self) -> KernelKey:
-        """Return the key of the kernel for float64 inputs that all vary from sample to sample."""
+        """Return the key of the kernel for float64 inputs that all vary from sample to sample and outputs that are
+        contiguous within a sample.
+        """
         arrays = {source[0] for source in self.pattern if isinstance(source, tuple)}
         return KernelKey(
             (False,) * len(arrays), tuple(math.prod(sample_shape) for _, sample_shape in self.loop.outputs), "d"
         )
 
     def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Count a call, and return the kernel if it exists or compiling it pays now; else return None.
+        """Add a call to the break-even count, and return the kernel if it exists or if compiling it pays now; else
+        return None. Warns and returns None if the kernel cannot be compiled.
 
         `backend.BreakEvenCounter` decides when compiling pays.
 
@@ -273,11 +286,13 @@ class Program:
         return self.kernel_or_none(key) if pays else None
 
     def existing_kernel(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel if it is compiled already, else None."""
+        """Return the kernel if it is already compiled, else None."""
         return self._kernels.get(key)
 
     def kernel_or_none(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel, compiled if necessary; warn once and return None where it cannot be compiled."""
+        """Return the kernel, compiled if necessary. If it cannot be compiled, warn once, stop the backend "auto" from
+        compiling, and return None.
+        """
         try:
             return self.kernel(key)
         except MissingDependencyError as error:
@@ -289,7 +304,8 @@ class Program:
         return None
 
     def kernel(self, key: KernelKey) -> Kernel:
-        """Return the kernel, which is compiled at the first call.
+        """Return the kernel with this key; compile and cache it at the first call. Raises an error if llvmlite is
+        missing or LLVM fails.
 
         Raises:
             MissingDependencyError: llvmlite is not installed.
@@ -307,7 +323,8 @@ class Program:
         return kernel
 
     def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
-        """Return the LLVM IR of a kernel, as text.
+        """Return the LLVM IR of a kernel, as text. `widths` are the numbers of components of the output arrays, and
+        `fuse` allows fused multiply-adds.
 
         Args:
             uniform: for each input array, whether it stays the same along the inner axis.
@@ -337,7 +354,9 @@ class Program:
         dtype: np.dtype[Any],
         workers: int,
     ) -> None:
-        """Compute the outputs by NumPy, in blocks, into `targets`; without input arrays once in Python floats."""
+        """Compute the outputs by NumPy, in blocks shared by threads, and write them into `targets`. Without input
+        arrays, float64 outputs are computed once in Python floats.
+        """
         if not bound.arrays and dtype == np.float64:
             results = self.floats_function(*bound.constants)
             for target in targets:
@@ -353,14 +372,14 @@ class Program:
         function = self.arrays_function
 
         def run_blocks(blocks: Sequence[Block]) -> None:
-            """Compute some blocks of samples, and write them into the outputs."""
+            """Compute blocks of samples one after the other, and write them into the outputs."""
             with np.errstate(all="ignore"):
                 for block in blocks:
                     results = function(*constants, *(load(array, block, dtype) for array in inputs))
                     for output, result in zip(outputs, results, strict=True):
                         output[block] = result
 
-        blocks: list[Block] = [*split_into_blocks(shape, _NUMPY_BLOCK_SAMPLES)] if inputs else [()]
+        blocks: list[Block] = [*split_into_blocks(shape, _NUMPY_SAMPLES_PER_BLOCK)] if inputs else [()]
         workers = min(workers, len(blocks))
         run_in_threads(run_blocks, [blocks[i::workers] for i in range(workers)])
 
@@ -368,7 +387,7 @@ class Program:
 
     @_LockFreeCachedProperty
     def source(self) -> str:
-        """Source of the generated Python function."""
+        """Source of the generated Python function, cached."""
         traced = self._varying_trace
         inputs = [*traced.constants, *(value for array in traced.arrays for value in array)]
         after = [value for name in self.loop.carry.values() for value in components(traced.results[name])]
@@ -377,47 +396,58 @@ class Program:
 
     @_LockFreeCachedProperty
     def floats_function(self) -> Callable[..., tuple[Any, ...]]:
-        """Generated function of Python floats for one state; it takes the constants, then the inputs."""
+        """Generated function of Python floats for one state, cached. It takes the constants, then the inputs, and
+        returns a flat tuple of components.
+        """
         return python_source.compile_for_floats(self.loop.name, self.source)
 
     @_LockFreeCachedProperty
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
-        """Generated function of NumPy arrays; it takes the constants, then the inputs."""
+        """Generated function of NumPy arrays, cached. It takes the constants, then the inputs, and returns a flat
+        tuple of components.
+        """
         return python_source.compile_for_arrays(self.loop.name, self.source)
 
     @_LockFreeCachedProperty
     def function_for_library(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
-        """Function that takes an array library and returns the generated function for its arrays; cached."""
+        """Cached function that takes an array library and returns the generated function for arrays of that
+        library.
+        """
         return functools.lru_cache(maxsize=8)(
             functools.partial(python_source.compile_for_library, self.loop.name, self.source)
         )
 
     @_LockFreeCachedProperty
     def weighted_operations(self) -> int:
-        """Number of operations of the program; a function such as a sine counts `_OPERATIONS_PER_FUNCTION` times."""
+        """Number of operations of the program, in which a sine or square root counts as several operations;
+        cached.
+        """
         return sum(
-            (_OPERATIONS_PER_FUNCTION if value.operation in FUNCTION_OPERATION_NAMES else 1)
+            (_WEIGHT_OF_NON_ARITHMETIC_OPERATION if value.operation in NON_ARITHMETIC_OPERATION_NAMES else 1)
             for value in self._needed_values
             if value.operation != "input"
         )
 
     def count_operations(self, unfolded: Program) -> OperationCounts:
-        """Return the numbers of operations of this program and of the program for which no input is known."""
+        """Return the `OperationCounts` of this program, compared with the program `unfolded`, for which no input is
+        known.
+        """
         per_sample, shared = (operation_count(self._needed_values, varies) for varies in (True, False))
         return OperationCounts(per_sample, shared, operation_count(unfolded._needed_values))
 
     @_LockFreeCachedProperty
     def _needed_values(self) -> list[TracedValue]:
-        """Traced values that the outputs need, each after its operands."""
+        """List of the traced values that the outputs need, each after its operands; cached."""
         return needed_values(self._varying_trace.output_components(self.loop.outputs))
 
     @_LockFreeCachedProperty
     def _varying_trace(self) -> TracedFunction:
-        """Traced function for input arrays that all vary from sample to sample."""
+        """Traced function for input arrays that all vary from sample to sample; cached."""
         return self.traced((False,) * len({source[0] for source in self.pattern if isinstance(source, tuple)}))
 
     def traced(self, uniform: tuple[bool, ...]) -> TracedFunction:
-        """Trace the loop's function for this pattern of inputs, and return its inputs and results.
+        """Trace the loop's function for this pattern of inputs, and return the `TracedFunction`. `uniform` says for
+        each input array whether it is equal for all inner samples.
 
         Args:
             uniform: for each input array, whether it stays the same from sample to sample.
@@ -459,7 +489,9 @@ class Program:
         shape: ArrayShape,
         dtype: np.dtype[Any],
     ) -> None:
-        """Run a scan by NumPy, all chains at once and sample after sample; write into `outputs`."""
+        """Run a scan by NumPy, for all chains at once and one sample after the other, and write the results into
+        `outputs`.
+        """
         names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]
         columns = {source: k for k, source in enumerate(sorted({s for _, s in sources if isinstance(s, tuple)}))}
@@ -479,5 +511,5 @@ class Program:
 
 
 def components(value: Any) -> tuple[Any, ...]:
-    """Return the components of a vector, or a scalar as a tuple of one component."""
+    """Return the components of a vector as a tuple; return a scalar as a tuple of one component."""
     return value if isinstance(value, tuple) else (value,)

@@ -26,7 +26,8 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
 
 
 class Kernel:
-    """A compiled kernel; it owns the machine code, so whoever calls the code must hold the kernel.
+    """A compiled kernel, which is compiled when the object is made. It owns the machine code: code that uses
+    `address` or `run` must keep a reference to the kernel.
 
     Args:
         name: name of the kernel in messages.
@@ -53,7 +54,8 @@ class Kernel:
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
-    """Return a built-in function that calls a kernel with arrays, and keeps the kernel alive.
+    """Return a built-in function that calls a kernel with arrays, as a descriptor says, and keeps the kernel alive.
+    The first call compiles the code that reads arrays; raises an error if that fails.
 
     Args:
         kernel: the kernel to call.
@@ -68,13 +70,13 @@ def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool 
 
 
 class _CallDescriptor(np.ndarray):
-    """The integers that describe a call, and the kernel whose machine code they point to."""
+    """An array of the integers that describe a call. It also keeps the kernel to which they point alive."""
 
     kernel: Kernel
 
 
 class _MethodDefinition(ctypes.Structure):
-    """The C structure that defines a built-in function: PyMethodDef."""
+    """The C structure PyMethodDef, which defines a built-in function."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -84,20 +86,21 @@ class _MethodDefinition(ctypes.Structure):
     )
 
 
-_FASTCALL_FLAG = 0x0080  # METH_FASTCALL: the arguments come as a C array
+_METH_FASTCALL_FLAG = 0x0080  # METH_FASTCALL: the arguments come as a C array
 _KERNEL_FUNCTION_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)  # of `Kernel.run`
 _new_built_in_function: Any = ctypes.pythonapi.PyCFunction_NewEx
 _new_built_in_function.restype = ctypes.py_object
 _new_built_in_function.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
 
 # Functions of Python's C interface that compiled code calls.
-_PYTHON_API_NAMES = ("PyBool_FromLong", "PyLong_FromLongLong", "PyEval_SaveThread", "PyEval_RestoreThread")
+_PYTHON_API_FUNCTION_NAMES = ("PyBool_FromLong", "PyLong_FromLongLong", "PyEval_SaveThread", "PyEval_RestoreThread")
 # Functions of the C library that compiled code calls.
-_C_LIBRARY_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
+_C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
 
 def _compile_module(name: str, ir: str) -> Any:
-    """Compile an LLVM module, and return the engine that holds its machine code.
+    """Compile an LLVM module, and return llvmlite's engine that owns its machine code. Raises an error, with the
+    given name of the module, if llvmlite is missing or LLVM fails.
 
     LLVM's optimiser is not run: the trace has been folded already.
 
@@ -119,7 +122,9 @@ def _compile_module(name: str, ir: str) -> Any:
 
 
 def _link_shared_functions(number: str) -> None:
-    """Register the shared functions with LLVM, so that code compiled later finds them by name."""
+    """Register the shared functions for numbers of type "double" or "float" with LLVM, so that kernels can call them
+    by name. The first call compiles them.
+    """
     llvm = load_llvmlite()
     for symbol, address in _shared_functions(number, host_processor(llvm))[1].items():
         llvm.add_symbol(symbol, address)
@@ -127,7 +132,9 @@ def _link_shared_functions(number: str) -> None:
 
 @functools.cache
 def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Return the engine with the functions that all kernels share, compiled once, and their addresses by symbol."""
+    """Compile the functions that all kernels share for one number type; the result is cached. Return the engine that
+    owns their machine code, and a dictionary of their addresses by symbol.
+    """
     engine = _compile_module("shared functions", shared_ir(number))
     mark_shared_code_compiled()
     return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(number)}
@@ -135,16 +142,19 @@ def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dic
 
 @functools.cache
 def _call_method_definition() -> _MethodDefinition:
-    """Return the definition of the built-in function that calls kernels with arrays; compiled once."""
+    """Return the cached definition of the built-in function that calls kernels with arrays. The first call compiles
+    the function; raises an error if that fails.
+    """
     engine = _compile_module("array_call", call_ir())
-    method = _MethodDefinition(b"kernel", engine.get_function_address("call"), _FASTCALL_FLAG)
+    method = _MethodDefinition(b"kernel", engine.get_function_address("call"), _METH_FASTCALL_FLAG)
     method.engine = engine  # kept alive as long as the definition
     return method
 
 
 @functools.cache
 def load_llvmlite() -> Any:
-    """Import llvmlite, and return `llvmlite.binding`, initialised for this machine.
+    """Return the module `llvmlite.binding`, imported and initialised for this machine at the first call. Raises an
+    error if that is not possible.
 
     Raises:
         MissingDependencyError: llvmlite is not installed, or its initialisation fails.
@@ -163,7 +173,7 @@ def load_llvmlite() -> Any:
                 "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
             ) from error
         library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
-        for owner, names in ((ctypes.pythonapi, _PYTHON_API_NAMES), (library, _C_LIBRARY_NAMES)):
+        for owner, names in ((ctypes.pythonapi, _PYTHON_API_FUNCTION_NAMES), (library, _C_LIBRARY_FUNCTION_NAMES)):
             for name in names:
                 llvm.add_symbol(name, ctypes.cast(getattr(owner, name), ctypes.c_void_p).value)
         return llvm
@@ -171,7 +181,9 @@ def load_llvmlite() -> Any:
 
 @functools.cache
 def can_compile() -> bool:
-    """Return whether kernels can be compiled in this process; warn once where they cannot."""
+    """Return whether kernels can be compiled in this process, found by compiling one; the answer is cached. If not,
+    warn once and stop the backend "auto" from compiling.
+    """
     try:
         Kernel("probe", "define void @kernel() { ret void }")
     except (MissingDependencyError, CompilationError) as error:
@@ -182,7 +194,8 @@ def can_compile() -> bool:
 
 @functools.cache
 def can_fuse() -> bool:
-    """Return whether this machine has an instruction for fused multiply-add (FMA).
+    """Return whether this machine has an instruction for fused multiply-add (FMA); the answer is cached. Raises an
+    error if llvmlite is missing.
 
     Raises:
         MissingDependencyError: llvmlite is not installed.
@@ -193,5 +206,5 @@ def can_fuse() -> bool:
 
 
 def host_processor(llvm: Any) -> tuple[str, str]:
-    """Return LLVM's name and features of the processor to compile for."""
+    """Return the pair (name, features) by which LLVM describes the processor of this machine."""
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

@@ -15,15 +15,18 @@ from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
 from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, versine, versines
 
-_MAX_LINE_LENGTH = 110  # number of characters of a generated line of arguments or results
-_MAX_EXPRESSION_LENGTH = 300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
+_MAX_CHARACTERS_PER_GENERATED_LINE = 110  # number of characters of a generated line of arguments or results
+_MAX_CHARACTERS_PER_EXPRESSION = (
+    300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
+)
 # Precedence of expressions in Python: a higher number binds more tightly.
 _PRECEDENCE_BY_OPERATOR = {"+": 1, "-": 1, "*": 2, "/": 2}
 _NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
 
 
 def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[Operand]) -> str:
-    """Return the source of a Python function of the inputs that returns the results as one flat tuple.
+    """Return the source of a Python function that computes the traced results from the inputs and returns them as one
+    flat tuple.
 
     A value that is used once is written where it is used, unless its expression is long or it has a name. Names may
     be any text: characters that are not allowed in an identifier are replaced by underscores.
@@ -39,7 +42,7 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
         if value.operation == "input":
             continue
         written = _expression(value, text)
-        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_EXPRESSION_LENGTH:
+        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_CHARACTERS_PER_EXPRESSION:
             variable = names.unused(value.name or "t")
             body.append(f"    {variable} = {written[0]}")
             written = variable, _ATOM_PRECEDENCE
@@ -51,14 +54,17 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Return a function of Python floats, compiled from its source; it never raises an arithmetic error.
+    """Compile the source of a function and return a function of Python floats. It returns a tuple of floats and never
+    raises an arithmetic error.
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
     fast, safe = _compile_function(name, source, _FLOAT_FUNCTION_BY_NAME), compile_for_arrays(name, source)
 
     def floats_function(*numbers: float) -> tuple[Any, ...]:
-        """Return the results for Python floats; use NumPy's numbers where Python raises an error."""
+        """Return the tuple of results for Python floats, computed with NumPy's numbers if Python raises an arithmetic
+        error.
+        """
         try:
             return fast(*numbers)
         except (ValueError, ZeroDivisionError, OverflowError):
@@ -69,17 +75,23 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Return a function of NumPy arrays and numbers, compiled from its source."""
-    return _compile_function(name, source, _ARRAY_FUNCTION_BY_NAME)
+    """Compile the source of a function and return a function of NumPy arrays and numbers. It returns a tuple of
+    arrays.
+    """
+    return _compile_function(name, source, _NUMPY_FUNCTION_BY_NAME)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Return a differentiable function of numbers and arrays of another library, compiled from its source."""
+    """Compile the source of a function and return a function of numbers and arrays of another array library, which
+    the library can differentiate. It returns a tuple.
+    """
 
     def library_or_float(function: str) -> Callable[..., Any]:
-        """Return a function that calls the library's for its arrays, and NumPy's for numbers."""
-        numbers: Callable[..., Any] = _ARRAY_FUNCTION_BY_NAME[function]
-        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_FUNCTION.get(function, function))
+        """Return a function that calls the library's function of this NumPy name for arrays, and NumPy's function for
+        numbers.
+        """
+        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[function]
+        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(function, function))
 
         def call(*operands: Any) -> Any:
             return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))
@@ -92,7 +104,9 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         return library.namespace.where(condition, library.array(then), library.array(otherwise))
 
     def versine_of(s: Any, c: Any) -> Any:
-        """Return 1 - cos from a sine and a cosine, without cancellation and with finite derivatives."""
+        """Return 1 - cos computed from the sine s and the cosine c, without cancellation and with finite
+        derivatives.
+        """
         if not is_foreign(c):
             return versine(s, c)
         near = c > VERSINE_SWITCH_COSINE
@@ -104,7 +118,9 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
 
 
 def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
-    """Return a function compiled from its source; `functions` are those that it calls, by name."""
+    """Execute the source of a function, and return the function with this name. `functions` are the functions that
+    the source calls, by name.
+    """
     scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
     function: Callable[..., tuple[Any, ...]] = scope[identifier(name)]
@@ -112,7 +128,7 @@ def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Call
 
 
 def identifier(name: str) -> str:
-    """Convert a name to a Python identifier that differs from keywords and from functions of generated code.
+    """Convert a name to a Python identifier that differs from keywords and from functions that generated code calls.
 
     >>> identifier("arm-left.c d"), identifier("2nd"), identifier("lambda"), identifier("sin")
     ('arm_left_c_d', '_2nd', '_lambda', '_sin')
@@ -123,14 +139,16 @@ def identifier(name: str) -> str:
 
 
 class _NameRegistry:
-    """A registry of the identifiers in a source, which makes new ones unique."""
+    """A registry of the identifiers that a generated source uses already."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
         self._uses: Counter[str] = Counter()
 
     def unused(self, name: str) -> str:
-        """Return an unused identifier for a name, with a number where necessary, and register it."""
+        """Register and return an identifier made from a name, with a number added if the identifier is used
+        already.
+        """
         stem = identifier(name)
         unused = f"{stem}1" if stem == "t" else stem
         while unused in self._taken:
@@ -141,14 +159,18 @@ class _NameRegistry:
 
 
 def _operand_text(operand: Operand, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return the Python source of an operand and its precedence; source_by_id holds both for traced values."""
+    """Return the pair (Python source, precedence) of a traced value or number. `source_by_id` holds these pairs by
+    the identity of the traced values.
+    """
     if isinstance(operand, TracedValue):
         return source_by_id[id(operand)]
     return repr(float(operand)), _ATOM_PRECEDENCE if operand >= 0 else _NEGATION_PRECEDENCE
 
 
 def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return the Python source of an operation and its precedence; source_by_id holds both for its operands."""
+    """Return the pair (Python source, precedence) of the operation of a traced value. `source_by_id` holds these
+    pairs by the identity of its operands.
+    """
     parts = [_operand_text(one, source_by_id) for one in value.operands]
     precedence = _PRECEDENCE_BY_OPERATOR.get(value.operation)
     if precedence is not None:
@@ -167,18 +189,22 @@ def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) ->
 
 
 def _parenthesise(part: tuple[str, int], precedence: int) -> str:
-    """Return a source in parentheses if its precedence is below that of the operator around it."""
+    """Return the source of a pair (Python source, precedence), in parentheses if its precedence is below the given
+    precedence.
+    """
     return part[0] if part[1] >= precedence else f"({part[0]})"
 
 
-def _wrapped_list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
-    """Return parts separated by commas between an opening and a closing text, wrapped into lines."""
+def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]:
+    """Return the list of source lines that contain the opening text, the items separated by commas, and the closing
+    text. Lines are wrapped at a maximum length.
+    """
     lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
-    for i, part in enumerate(parts):
-        piece = f", {part}" if i else part
-        if len(lines[-1]) + len(piece) > _MAX_LINE_LENGTH:
+    for i, item in enumerate(items):
+        piece = f", {item}" if i else item
+        if len(lines[-1]) + len(piece) > _MAX_CHARACTERS_PER_GENERATED_LINE:
             lines[-1] += "," if i else ""
-            lines.append(indent + part)
+            lines.append(indent + item)
         else:
             lines[-1] += piece
     lines[-1] += closing
@@ -196,7 +222,7 @@ _FLOAT_FUNCTION_BY_NAME: dict[str, Any] = {
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
 # Functions that generated code calls for NumPy arrays, by name.
-_ARRAY_FUNCTION_BY_NAME: dict[str, Any] = {
+_NUMPY_FUNCTION_BY_NAME: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -205,5 +231,5 @@ _ARRAY_FUNCTION_BY_NAME: dict[str, Any] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-_ARRAY_API_NAME_BY_FUNCTION = {"arctan2": "atan2"}
+_ARRAY_API_NAME_BY_NUMPY_NAME = {"arctan2": "atan2"}
 """Names of functions in the array API standard, where they differ from NumPy's."""

@@ -14,7 +14,8 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 
 
 class Results(DaskCollection, Shown):
-    """Results of a call by name: read-only arrays, or arrays of another library.
+    """Results of a call by name: read-only NumPy arrays, or arrays of another library. They are available by index
+    and, for the names in the class's `__slots__`, as attributes.
 
     `dask.compute` takes results that are Dask arrays as one, and returns them of the same class in memory.
 
@@ -39,15 +40,19 @@ class Results(DaskCollection, Shown):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the computed outputs."""
+        """Names of the computed outputs, as a tuple."""
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays of all outputs by name."""
+        """Return a dictionary of all computed outputs: read-only arrays, or NumPy numbers for outputs without
+        axes.
+        """
         return {name: self[name] for name in self._content[0]}
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the lazy Dask arrays by name, and a function that makes the results from their computed values."""
+        """Return a dictionary of the Dask arrays among the results, and a function that returns the results when it
+        is given the computed arrays by name.
+        """
         arrays = self.arrays()
         lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
         others = {name: None if name in lazy else array for name, array in arrays.items()}
@@ -99,7 +104,9 @@ _set_attribute = object.__setattr__
 
 
 def writable_arrays(results: Results) -> dict[str, FloatArray]:
-    """Make the arrays of results writable, and return them by name; for results that no user holds."""
+    """Make the arrays of results writable, and return a dictionary of them. Use this only for results that no user
+    holds.
+    """
     names, arrays, _ = results._content
     for array in arrays:
         for part in (getattr(array, "base", None), array):
@@ -111,12 +118,16 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results of a class, made of arrays by name, some of them replaced."""
+    """Return results of the given class, made of arrays by name; `replacements` take the place of the arrays with
+    their names.
+    """
     return result_class({**arrays, **replacements}, shape)
 
 
 def _user_view(array: Any) -> Any:
-    """Return an array of no axes as a number, and any other array as a read-only view."""
+    """Return a NumPy array without axes as a number, and any other NumPy array as a read-only view. Other values are
+    returned unchanged.
+    """
     if not isinstance(array, np.ndarray):
         return array
     if array.ndim == 0:
@@ -125,6 +136,8 @@ def _user_view(array: Any) -> Any:
 
 
 def missing_attribute_error(value: object, name: str) -> AttributeError:
-    """Return the error for an attribute that a value does not have; it lists the attributes that exist."""
+    """Return an AttributeError for an attribute that a value does not have. Its message lists the attributes that
+    exist, except for private names.
+    """
     existing = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
     return AttributeError(f"{type(value).__name__} has no {name!r}{existing}", name=name, obj=value)

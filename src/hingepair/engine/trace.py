@@ -19,16 +19,17 @@ from hingepair.numeric.bounded import Bounded
 
 Operand: TypeAlias = "TracedValue | float"
 
-FUNCTION_OPERATION_NAMES: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
+NON_ARITHMETIC_OPERATION_NAMES: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
 """Operations of a trace that are no plain arithmetic."""
 
 
 class TracedValue:
-    """A traced value: an input, or the result of an operation on earlier values and numbers.
+    """A value of a trace: an input, or the result of a recorded operation on earlier values and numbers. Arithmetic
+    with it records further operations.
 
     Attributes:
         trace: the trace that records the operations on this value.
-        operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTION_OPERATION_NAMES.
+        operation: "input", "+", "-", "*", "/", "negative", or one of NON_ARITHMETIC_OPERATION_NAMES.
         operands: values and numbers.
         varies: whether the value differs from sample to sample.
         name: name in generated code; "" if there is none.
@@ -75,7 +76,9 @@ class TracedValue:
         return self._multiply_number(float(other), (float(other), self))
 
     def _multiply_number(self, number: float, factors: tuple[Operand, Operand]) -> Operand:
-        """Return the product with a known number, which folds if it is 0, 1 or -1; `factors` in their order."""
+        """Return the product of this value and a known number, which folds if the number is 0, 1 or -1 and is
+        recorded otherwise. `factors` are the two factors in their original order.
+        """
         if number == 0:
             return 0.0
         if number == 1:
@@ -97,17 +100,17 @@ class TracedValue:
         return self
 
     def sine(self) -> Operand:
-        """Return the traced sine of the value [rad]."""
+        """Record the sine of the value [rad], and return it."""
         first = self.operands[0] if self.operation == "negative" else None
         return -first.sine() if isinstance(first, TracedValue) else self.trace.record("sin", self)
 
     def cosine(self) -> Operand:
-        """Return the traced cosine of the value [rad]."""
+        """Record the cosine of the value [rad], and return it."""
         first = self.operands[0] if self.operation == "negative" else None
         return first.cosine() if isinstance(first, TracedValue) else self.trace.record("cos", self)
 
     def versine(self) -> Operand:
-        """Return the traced versine, 1 - cos, of the value [rad], accurate for small values too."""
+        """Record the versine, 1 - cos, of the value [rad], and return it. It is accurate for small values too."""
         first = self.operands[0] if self.operation == "negative" else None
         if isinstance(first, TracedValue):
             return first.versine()
@@ -118,17 +121,19 @@ class TracedValue:
 
 
 class Trace:
-    """A recorder of operations on traced values; common subexpressions are recorded once."""
+    """A recorder of operations on traced values. An operation that occurs several times is recorded once."""
 
     def __init__(self) -> None:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
 
     def input(self, name: str, varies: bool = True) -> TracedValue:
-        """Return a traced value for an input; `varies` is whether it differs from sample to sample."""
+        """Return a new traced value for an input. `varies` says whether the input differs from sample to sample."""
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Return the value of an operation, recorded now unless it has been recorded before."""
+        """Return the traced value of an operation on operands. The operation is recorded unless it has been recorded
+        before.
+        """
         key = (operation, *operands)
         value = self._recorded.get(key)
         if value is None and operation in {"+", "*"}:
@@ -140,7 +145,7 @@ class Trace:
 
 
 def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
-    """Return the values that the results depend on, inputs included, each after its operands."""
+    """Return the list of traced values on which the results depend, inputs included, each after its operands."""
     needed: list[TracedValue] = []
     seen: set[int] = set()
     waiting: list[tuple[Operand, bool]] = [(result, False) for result in reversed(list(results))]
@@ -158,7 +163,8 @@ def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
 
 
 def operation_count(values: Iterable[TracedValue], varying: bool | None = None) -> int:
-    """Return the number of operations among values: of all, or of those that vary, or do not, by sample.
+    """Return the number of operations among traced values. `varying` True counts only those that vary from sample to
+    sample, False only the others, None all.
 
     Args:
         values: values of a trace.
@@ -168,31 +174,39 @@ def operation_count(values: Iterable[TracedValue], varying: bool | None = None) 
 
 
 def square_root(x: Any) -> Any:
-    """Return the square root of a traced value, a number, or an array."""
+    """Return the square root of a traced value, which is recorded, or of a number or array."""
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
     return array_libraries.apply_function("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
-    """Return the angle of the vector (x, y) from the x axis [rad]; traced values, numbers, or arrays."""
+    """Return the angle [rad] of the vector (x, y) from the x axis, for traced values (recorded), numbers or
+    arrays.
+    """
     return _apply_binary("arctan2", np.arctan2, y, x)
 
 
 def hypotenuse(x: Any, y: Any) -> Any:
-    """Return the square root of x^2 + y^2 without intermediate overflow; traced values, numbers, or arrays."""
+    """Return the square root of x^2 + y^2 without intermediate overflow, for traced values (recorded), numbers or
+    arrays.
+    """
     return _apply_binary("hypot", np.hypot, x, y)
 
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Record an operation of two operands and return its value, if one is traced; else call the NumPy function."""
+    """If an operand is traced, record the named operation and return its traced value. Otherwise return the NumPy
+    function of both operands.
+    """
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)
     return b.trace.record(operation, a, b) if isinstance(b, TracedValue) else function(a, b)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` where a < b, and `otherwise` elsewhere or where either is NaN; tuples by component."""
+    """Return `then` where a < b, and `otherwise` elsewhere and where a or b is NaN. For traced values the choice is
+    recorded; tuples are chosen component by component.
+    """
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
     for operand in (a, b):
@@ -210,13 +224,15 @@ _COMPONENT_SUFFIXES_BY_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy
 
 
 def component_name(name: str, k: int, count: int) -> str:
-    """Return the name of component k of `count` in generated code."""
+    """Return the name that component k of a result or input with `count` components has in generated code."""
     suffixes = _COMPONENT_SUFFIXES_BY_COUNT.get(count)
     return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Name the components of a result in generated code, as far as they are traced values without a name."""
+    """Give the traced components of a result names for generated code, except for components that have a name
+    already.
+    """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
         if isinstance(component, TracedValue) and not component.name and component.operation != "negative":
