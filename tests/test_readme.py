@@ -26,7 +26,7 @@ def test_code_prints_what_the_readme_says(tmp_path: Path, monkeypatch: pytest.Mo
 def test_every_block_of_code_is_run() -> None:
     kinds = [step.kind for step in page_steps(ROOT / "README.md")]
     assert kinds.count("python") == len(re.findall("^```python$", README, re.MULTILINE)) > 1
-    assert kinds.count("command") == len(re.findall(r"^\$ hingepair", README, re.MULTILINE)) > 1
+    assert kinds.count("command") == len(re.findall(r"^\$ hingepair", README, re.MULTILINE)) > 0
 
 
 def test_the_first_screen_names_the_units() -> None:

@@ -141,7 +141,7 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
     errors: dict[str, float] = {}
     for row in batches:
         errors[row.method] = max(errors.get(row.method, 0.0), row.error or 0.0)
-    times = [row.min_seconds / row.count * 1e9 for row in batches]
+    times = [row.seconds / row.count * 1e9 for row in batches]
     x_range = (min(times) / 2, 2 * max(times))
     panels: list[Panel] = []
     for workload in WORKLOAD_NAMES:
@@ -149,13 +149,13 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
         names = list(dict.fromkeys(row.case.partition(",")[0] for row in cases))
         curves: dict[str, list[tuple[float, float]]] = {}
         for row in cases:
-            point = row.min_seconds / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
+            point = row.seconds / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
             curves.setdefault(f"{row.method}: error {errors[row.method]:.0e}", []).append(point)
         workload_curves = [MethodCurve(*item) for item in curves.items()]
         panels.append(
             Panel(
                 case_name(workload, size),
-                "run time [ns a state]",
+                "run time per state [ns]",
                 "",
                 workload_curves,
                 y_names=names,
