@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.integration import integrate, stepping
 from support.states import generator
 
 PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
@@ -71,6 +72,33 @@ CASES = {
 def test_motions_have_the_bits_of_calls_of_their_own(name, backend):
     arguments = CASES[name] | {"backend": backend}
     check_bits(PAIR, arguments, SPATIAL_NAMES)
+
+
+@pytest.mark.parametrize("count", [1, 2, 40])
+def test_few_instants_and_groups_of_motions_change_no_bit(count, monkeypatch):
+    monkeypatch.setattr(integrate, "_MAX_GROUP_STEPS", 2 * count)  # two motions, then the last alone
+    calls, together = [], integrate.integrate_together
+    monkeypatch.setattr(integrate, "integrate_together", lambda *given: calls.append(1) or together(*given))
+    t, arguments = T[:count], {"S1_0": S1_0, "psi_0": PSI_0, "backend": "numpy", "frame": "body"}
+    many = hp.integrate(PAIR, t, OMEGA1[:, :count], PSID[:, :count], **arguments)
+    assert len(calls) == 1
+    for index in range(MOTIONS):
+        own = one_of(PAIR, arguments, index)
+        single = hp.integrate(PAIR, t, OMEGA1[index, :count], PSID[index, :count], **own)
+        for name in ("quat_wxyz", "psi", "R2", "v2", *ERROR_NAMES):
+            np.testing.assert_array_equal(getattr(many, name)[index], getattr(single, name))
+
+
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
+def test_chunks_of_steps_change_no_bit_of_motions(backend, monkeypatch):
+    monkeypatch.setattr(stepping, "STEPS_PER_CHUNK", 320)  # whole groups of a scan
+    t = np.linspace(0, 1, 1001)
+    omega1, psid = PSI_0[:, None, None] * np.sin(t[:, None] * (1, 2, 3) + 1), np.cos(t) * PSI_0[:, None]
+    many = hp.integrate(PAIR, t, omega1, psid, S1_0=S1_0, outputs=(), backend=backend)
+    for index in range(MOTIONS):
+        single = hp.integrate(PAIR, t, omega1[index], psid[index], S1_0=S1_0[index], outputs=(), backend=backend)
+        np.testing.assert_array_equal(many.quat_wxyz[index], single.quat_wxyz)
+        np.testing.assert_array_equal(many.psi[index], single.psi)
 
 
 def test_motions_in_the_plane_have_the_bits_of_calls_of_their_own():

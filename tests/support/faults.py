@@ -424,10 +424,16 @@ FAULTS = {
         "float(starts.flat[0]) if is_planar else starts[(0,) * len(shape)]",
         "integration/test_integrate_many.py::test_motions_have_the_bits_of_calls_of_their_own[starts-numpy]",
     ),
+    "many motions scanned from one start": Fault(
+        "integration/stepping.py",
+        "first = np.broadcast_to(np.stack(start, axis=-1),",
+        "first = np.broadcast_to(np.stack(start, axis=-1).reshape(-1, len(start))[0],",
+        "integration/test_integrate_many.py::test_motions_have_the_bits_of_calls_of_their_own[starts-numpy]",
+    ),
     "motions counted from the start of their chunk": Fault(
         "integration/integrate.py",
-        "shown = index if first_motion is None else",
-        "shown = index if True else",
+        "index = tuple(np.add(first_motion, index).tolist())",
+        "pass",
         "integration/test_dask_integrate.py::test_a_motion_that_fails_names_itself_by_its_index_among_all",
     ),
     # what an engine alone can do wrong

@@ -58,20 +58,26 @@ class AngleIntegral(_RateIntegral):
         return isinstance(self.rate, ConstantSignal)
 
     @np.errstate(all="ignore")
-    def integrate(self, steps: Steps, start: float) -> Array:
-        """Return the angles [rad] between steps, accurate to about the last bit of the sum; shape (steps + 1,)."""
+    def integrate(self, steps: Steps, start: Any) -> Array:
+        """Return the angles [rad] between steps, accurate to about the last bit of the sum; shape (steps + 1,).
+
+        Of many motions, whose starts are an array (...,), the shape is (..., steps + 1); overflow is accepted.
+        """
+        motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
-            change = pair_product((self.rate.value, 0.0), exact_sum(steps.t, -steps.t[0]))
-            angles = np.stack(pair_sum(change, (start, 0.0)), axis=-1)
+            change = pair_product((np.asarray(self.rate.value)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
+            angles = np.stack(pair_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
         else:
-            angles = SUM_SCAN.scan_steps(steps, (start, 0.0), self._fill, self.execution)
-        self.check_finite(angles, steps)
-        return angles[:, 0].copy()
+            low = np.zeros(np.shape(start)) if motions else 0.0
+            angles = SUM_SCAN.scan_steps(steps, (start, low), self._fill, self.execution, motions)
+        if not motions:
+            self.check_finite(angles, steps)
+        return angles[..., 0].copy()
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the integrals of the rate over steps into rows, as sums of two doubles."""
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
-        angle_loop(self.rule).run(arguments, {"sum": rows}, h[0].shape, FLOAT64_DTYPE, self.execution)
+        angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
         """Return the angles by coarse steps less those by finer steps of the same intervals [rad]; (intervals, 1)."""
@@ -113,10 +119,16 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the quaternions (w, x, y, z) between steps, without a jump of their sign; shape (steps + 1, 4)."""
+        """Return the quaternions (w, x, y, z) between steps, without a jump of their sign; shape (steps + 1, 4).
+
+        Of many motions, whose starts are an array (..., 4), the shape is (..., steps + 1, 4); overflow is accepted.
+        """
         begin = start * _CONJUGATE_SIGNS if self.omega_in_body_axes else start
-        quats = ROTATION_SCAN.scan_steps(steps, tuple(begin.tolist()), self._fill, self.execution)
-        self.check_finite(quats, steps)
+        motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
+        components = tuple(np.moveaxis(begin, -1, 0)) if motions else tuple(begin.tolist())
+        quats = ROTATION_SCAN.scan_steps(steps, components, self._fill, self.execution, motions)
+        if not motions:
+            self.check_finite(quats, steps)
         return quats * _CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
@@ -128,7 +140,7 @@ class AttitudeIntegral(_RateIntegral):
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
-            h.shape,
+            quats.shape[:-1],
             FLOAT64_DTYPE,
             self.execution,
         )

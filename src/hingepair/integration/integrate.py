@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Mapping, Sequence, Set
-from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, overload
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from typing import Any, Final, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +19,10 @@ from hingepair.integration.signals import (
     object_array,
     read_position,
     read_signals,
+    stack_signals,
     values_at,
 )
-from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, solve
+from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, integrate_together, solve
 from hingepair.integration.trajectory import (
     STATE_OUTPUT_PREFIX,
     LazyValue,
@@ -63,7 +65,6 @@ from hingepair.rotations.matrices import check_rotation
 RATE_FRAME_NAMES: Final = ("world", "body")
 """Axes in which omega1 and alpha1 may be given."""
 
-Returned = TypeVar("Returned")
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 """Type of a rate argument: constant, samples, or a callable of an array of times."""
 SignalsByName: TypeAlias = Mapping[str, NDArray[np.object_]]
@@ -78,6 +79,9 @@ _RATE_ARGUMENT_BY_INPUT: Final = {
 _R1_FORM_BY_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
+
+_MAX_GROUP_STEPS: Final = 65_536
+"""Steps that are integrated together at most, of all motions of a group."""
 
 _R1_PART_NAMES: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 """Name in messages of each part of the argument R1."""
@@ -215,7 +219,7 @@ def integrate(
     if holds_dask(motion):
         return _integrate_lazily(pair, t, motion, choices)
     request = _read_request(pair, t, **motion, **choices)
-    return _make_trajectory(request, _each_motion(request, _solve_motion))
+    return _make_trajectory(request, _solve_motions(request))
 
 
 class _Request(NamedTuple):
@@ -303,43 +307,91 @@ def _name_of_motion(name: str, index: Sequence[int]) -> str:
 
 
 class _Motion(NamedTuple):
-    """One motion of a request: the signals of its rates, and attitude and hinge angle at its start."""
+    """One motion of a request: its index, the signals of its rates, and attitude and hinge angle at its start."""
 
-    signals: Mapping[str, Any]  # of its rates
+    motion_index: tuple[int, ...]
+    signals: Mapping[str, Any]
     start: Any  # attitude (3, 3), in the plane an angle [rad]
     psi_0: float  # rad
 
 
-def _each_motion(
-    request: _Request,
-    function: Callable[[_Request, _Motion], Returned],
-    first_motion: tuple[int, ...] | None = None,
-) -> list[Returned]:
-    """Return the results of a function for each motion, in C order of their indices.
+def _motions_of(request: _Request) -> list[_Motion]:
+    """Return the motions of a request, in C order of their indices."""
+    shape, is_planar = request.motions, isinstance(request.pair, PlanarPair)
+    signals: dict[str, Any] = dict(request.signals)
+    starts, psi_0 = request.start, request.psi_0
+    if shape:
+        signals = {name: np.broadcast_to(array, shape) for name, array in signals.items()}
+        starts = np.broadcast_to(starts, shape + (() if is_planar else (3, 3)))
+        psi_0 = np.broadcast_to(psi_0, shape)
+    return [
+        _Motion(
+            index,
+            {name: array[index] for name, array in signals.items()},
+            float(starts[index]) if is_planar else starts[index],
+            float(psi_0[index]),
+        )
+        for index in np.ndindex(shape)
+    ]
+
+
+@contextlib.contextmanager
+def _errors_named_by_motion(motion: _Motion, first_motion: tuple[int, ...] | None) -> Iterator[None]:
+    """Raise an ArgumentError of the `with` block again under the name of the motion, where there are many.
+
+    `first_motion` is the index that messages give the first motion; zeros unless given.
+    """
+    try:
+        yield
+    except ArgumentError as error:
+        if not motion.motion_index:
+            raise
+        index = motion.motion_index
+        if first_motion is not None:
+            index = tuple(np.add(first_motion, index).tolist())
+        raise type(error)(_name_of_motion(error.name, index), error.expected, error.got) from None
+
+
+def _check_motions(
+    request: _Request, motions: Iterable[_Motion], first_motion: tuple[int, ...] | None = None
+) -> None:
+    """Check that the numbers of each motion are finite and that its start is a rotation; errors name the motion."""
+    for motion in motions:
+        with _errors_named_by_motion(motion, first_motion):
+            _check_motion(request, motion)
+
+
+def _solve_motions(request: _Request, first_motion: tuple[int, ...] | None = None) -> list[Solution]:
+    """Check and solve each motion (E12), and return the solutions in C order of the motions' indices.
 
     Args:
         request: the motions.
-        function: takes the request and one of its motions.
         first_motion: index that messages give the first motion; zeros unless given.
 
     Raises:
         ArgumentError, GimbalLockError: a motion cannot be used; of many motions the error names the motion.
     """
-    shape, is_planar = request.motions, isinstance(request.pair, PlanarPair)
-    signals: dict[str, Any] = {name: np.broadcast_to(array, shape) for name, array in request.signals.items()}
-    starts = np.broadcast_to(request.start, shape + (() if is_planar else (3, 3)))
-    psi_0 = np.broadcast_to(request.psi_0, shape)
-    results = []
-    for index in np.ndindex(shape):
-        motion_signals = {name: array[index] for name, array in signals.items()}
-        start = float(starts[index]) if is_planar else starts[index]
-        try:
-            results.append(function(request, _Motion(motion_signals, start, float(psi_0[index]))))
-        except ArgumentError as error:
-            if not shape:
-                raise
-            shown = index if first_motion is None else tuple(np.add(first_motion, index).tolist())
-            raise type(error)(_name_of_motion(error.name, shown), error.expected, error.got) from None
+    motions, solutions = _motions_of(request), []
+    _check_motions(request, motions, first_motion)
+    for motion, integrated in zip(motions, _integrate_together(request.options, motions), strict=True):
+        with _errors_named_by_motion(motion, first_motion):
+            solutions.append(_solve_motion(request.options, motion, integrated))
+    return solutions
+
+
+def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> list[tuple[Array, Array] | None]:
+    """Return orientations and hinge angles of each motion, integrated many at a time; None where they cannot be."""
+    group_size = max(1, _MAX_GROUP_STEPS // len(options.t))
+    results: list[tuple[Array, Array] | None] = []
+    for first in range(0, len(motions), group_size):
+        group = motions[first : first + group_size]
+        integrated = None
+        if len(group) > 1:
+            omega, psid = (stack_signals([motion.signals[name] for motion in group]) for name in ("omega1", "psid"))
+            start = np.array([motion.start for motion in group])
+            psi_0 = np.array([motion.psi_0 for motion in group])
+            integrated = integrate_together(options, omega, psid, start, psi_0)
+        results += [None] * len(group) if integrated is None else list(zip(*integrated, strict=True))
     return results
 
 
@@ -354,11 +406,14 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
         check_rotation("S1_0", one_constant("S1_0", motion.start, 3, 3))
 
 
-def _solve_motion(request: _Request, motion: _Motion) -> Solution:
-    """Return the `Solution` of one motion (E12), after checking the motion; raise if its tolerance is not reached."""
-    _check_motion(request, motion)
-    solution = solve(request.options, motion.signals["omega1"], motion.signals["psid"], motion.start, motion.psi_0)
-    solution.check_tolerance(request.options)
+def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Array, Array] | None) -> Solution:
+    """Return the `Solution` of one motion (E12); raise if its tolerance is not reached.
+
+    `integrated` are its orientations and hinge angles where they were integrated together with others.
+    """
+    signals = motion.signals
+    solution = solve(options, signals["omega1"], signals["psid"], motion.start, motion.psi_0, integrated)
+    solution.check_tolerance(options)
     return solution
 
 
@@ -476,13 +531,13 @@ def _integrate_chunk(first_motion: tuple[int, ...] | None, **arguments: Any) -> 
         arguments: of `integrate`.
     """
     request = _read_request(**arguments)
-    return _arrays_of_trajectory(_make_trajectory(request, _each_motion(request, _solve_motion, first_motion)))
+    return _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion)))
 
 
 def _estimate_errors(first_motion: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
     """Integrate a chunk of motions, and return both estimates of the error of each; shape (...,) rad."""
     request = _read_request(**arguments | {"outputs": ()})
-    trajectory = _make_trajectory(request, _each_motion(request, _solve_motion, first_motion))
+    trajectory = _make_trajectory(request, _solve_motions(request, first_motion))
     return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
 
 
@@ -492,7 +547,7 @@ def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDAr
     Only the first instant is integrated, which takes no step.
     """
     request = _read_request(**arguments)
-    _each_motion(request, _check_motion)
+    _check_motions(request, _motions_of(request))
     t = request.options.t
     signals = {
         name: object_array(array.shape, [ConstantSignal(one.values_at(t[:1])[0]) for one in array.ravel()])
@@ -500,7 +555,7 @@ def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDAr
     }
     points = {name: array if array.ndim == 1 else array[..., :1, :] for name, array in request.points.items()}
     request = request._replace(options=request.options._replace(t=t[:1]), signals=signals, points=points)
-    arrays = _arrays_of_trajectory(_make_trajectory(request, _each_motion(request, _solve_motion, first_motion)))
+    arrays = _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion)))
     count = len(request.motions)
     steps = {"steps": arrays.pop("steps")}
     return steps | {

@@ -34,8 +34,11 @@ _MAX_SLICED_RUNS = 8  # runs of consecutive steps interpolated as slices, by a k
 class ConstantSignal:
     """Signal of the same value at every time."""
 
-    def __init__(self, value: Array) -> None:
+    motions: tuple[int, ...]  # leading shape of the motions; () for one
+
+    def __init__(self, value: Array, motions: tuple[int, ...] = ()) -> None:
         self.value = value
+        self.motions = motions
 
     def values_at(self, times: Array) -> Array:
         """Return the value at times of any shape."""
@@ -43,11 +46,15 @@ class ConstantSignal:
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
         """Return the value at the nodes of steps; shape (steps, nodes, ...)."""
-        return np.broadcast_to(self.value, (len(start), len(nodes), *self.value.shape))
+        motions, value_shape = self.motions, self.value.shape[len(self.motions) :]
+        value = self.value.reshape(*motions, 1, 1, *value_shape)
+        return np.broadcast_to(value, (*motions, len(start), len(nodes), *value_shape))
 
 
 class CallableSignal:
     """Signal that a callable of an array of times computes; errors call it by the name of its argument."""
+
+    motions: tuple[int, ...] = ()
 
     def __init__(self, name: str, function: Callable[[Array], Any], value_shape: tuple[int, ...]) -> None:
         self.name = name
@@ -84,11 +91,14 @@ class SampledSignal:
     Only differences of neighbouring instants enter, so that stamps since 1970 are not rounded again.
     """
 
-    def __init__(self, t: Array, values: Array, execution: Execution) -> None:
+    motions: tuple[int, ...]  # leading shape of the motions, whose values are (..., N) or (..., N, k); () for one
+
+    def __init__(self, t: Array, values: Array, execution: Execution, motions: tuple[int, ...] = ()) -> None:
         self.t = t
         self.values = values
         self.execution = execution
-        self._columns = values.reshape(len(values), -1)
+        self.motions = motions
+        self._columns = values.reshape(*motions, len(t), -1)
 
     def values_at(self, _: Array) -> Array:
         """Return the samples; only their own instants are asked for."""
@@ -104,14 +114,16 @@ class SampledSignal:
             interval = np.searchsorted(self.t, start, side="right") - 1
         lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
         offsets = np.multiply.outer(nodes, h).T  # by columns, so that eight steps lie side by side in memory
-        values = np.empty((*offsets.shape, self._columns.shape[1]))
-        loop = interpolation_loop(count, len(nodes), values.shape[2])
-        t, columns = sliding_window_view(self.t, count), sliding_window_view(self._columns, count, axis=0)
+        motions, column_count = self.motions, self._columns.shape[-1]
+        values = np.empty((*motions, *offsets.shape, column_count))
+        loop = interpolation_loop(count, len(nodes), column_count)
+        t, columns = sliding_window_view(self.t, count), sliding_window_view(self._columns, count, axis=-2)
         for steps, rows in _runs_of_consecutive_steps(lowest):
             x = (t[rows].T - start[steps]).T
-            arguments = {"x": x, "values": columns[rows], "offsets": offsets[steps]}
-            loop.run(arguments, {"values": values[steps]}, x.shape[:1], values.dtype, self.execution)
-        return values.reshape(*offsets.shape, *self.values.shape[1:])
+            arguments = {"x": x, "values": columns[..., rows, :, :], "offsets": offsets[steps]}
+            out = {"values": values[..., steps, :, :]}
+            loop.run(arguments, out, (*motions, len(x)), values.dtype, self.execution)
+        return values.reshape(*motions, *offsets.shape, *self.values.shape[len(motions) + 1 :])
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
@@ -178,6 +190,17 @@ def object_array(shape: tuple[int, ...], values: Sequence[Any]) -> NDArray[np.ob
     array = np.empty(len(values), object)
     array[:] = values
     return array.reshape(shape)
+
+
+def stack_signals(signals: Sequence[Signal]) -> Signal:
+    """Return one signal of M motions from their signals, all of one kind: shape (M,), or () if all are one signal."""
+    first = signals[0]
+    if all(signal is first for signal in signals):
+        return first
+    if isinstance(first, SampledSignal):
+        values = np.stack([signal.values for signal in signals if isinstance(signal, SampledSignal)])
+        return SampledSignal(first.t, values, first.execution, (len(signals),))
+    return ConstantSignal(np.stack([s.value for s in signals if isinstance(s, ConstantSignal)]), (len(signals),))
 
 
 def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ...]) -> Array:

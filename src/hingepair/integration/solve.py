@@ -87,8 +87,44 @@ class _IntegratedValues(NamedTuple):
     error: LazyValue  # rad
 
 
-def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
+def integrate_together(
+    options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array
+) -> tuple[Array, Array] | None:
+    """Return quaternions (M, N, 4), in the plane angles (M, N), and hinge angles (M, N) of M motions of equal steps.
+
+    Return None where each motion has steps of its own: with a tolerance, by Euler angles and by SciPy's solver.
+
+    Args:
+        options: as for `solve`.
+        omega: signal of M motions, or one that all share.
+        psid: signal of M motions, or one that all share.
+        start: attitudes (M, 3, 3), in the plane angles (M,) [rad].
+        psi_0: hinge angles at the first instant [rad]; shape (M,).
+    """
+    if options.tol is not None or options.method not in STEP_RULES:
+        return None
+    rule, steps = STEP_RULES[options.method], Steps(options.t)
+    hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution).integrate(steps, psi_0)
+    if start.ndim == 1:
+        return AngleIntegral(options.rate_names[0], omega, rule, options.execution).integrate(steps, start), hinge
+    attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.omega_in_body_axes)
+    quat_by_matrix = {S.tobytes(): matrix_to_quaternion(S) for S in {S.tobytes(): S for S in start}.values()}
+    quats = np.array([quat_by_matrix[S.tobytes()] for S in start])
+    return attitude.integrate(steps, quats), hinge
+
+
+def solve(
+    options: SolveOptions,
+    omega: Signal,
+    psid: Signal,
+    start: Array | float,
+    psi_0: float,
+    integrated: tuple[Array, Array] | None = None,
+) -> Solution:
     """Return the solution of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0.
+
+    `integrated` are the orientations and hinge angles of the motion that `integrate_together` returned; None where
+    they are to be integrated.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -105,15 +141,17 @@ def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | flo
     if options.method in STEP_RULES:
         body1_angle = AngleIntegral(options.rate_names[0], omega, rule, options.execution) if is_planar else attitude
         selected = select_steps((body1_angle, hinge), options.t, options.tol)
-        orientation = _integrate(
-            body1_angle, start if is_planar else matrix_to_quaternion(np.asarray(start)), selected
-        )
+        if integrated is None:
+            begin = start if is_planar else matrix_to_quaternion(np.asarray(start))
+            orientation = _integrate(body1_angle, begin, selected)
+        else:
+            orientation = _integrate(body1_angle, None, selected, integrated[0])
     else:
         solve_orientation = _solve_by_euler_angles if options.method == "euler_angles" else _solve_by_scipy
         orientation = solve_orientation(options, replace(attitude, rule=_REFERENCE_RULE), np.asarray(start))
         tol = _DEFAULT_SCIPY_TOLERANCE if options.tol is None and options.method == "dop853" else options.tol
         selected = select_steps((hinge,), options.t, tol)
-    hinge_angle = _integrate(hinge, psi_0, selected)
+    hinge_angle = _integrate(hinge, psi_0, selected, None if integrated is None else integrated[1])
     sampled_rates = [rate for rate in (omega, psid) if isinstance(rate, SampledSignal)]
 
     @functools.cache
@@ -132,10 +170,18 @@ def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | flo
     return Solution(orientation.values, hinge_angle.values, orientation.steps, *errors)
 
 
-def _integrate(integral: Integral, start: Any, selected: SelectedSteps) -> _IntegratedValues:
-    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error."""
-    steps = selected.steps
-    values, measured_errors = integral.integrate(steps, start), selected.measured_errors.get(integral)
+def _integrate(
+    integral: Integral, start: Any, selected: SelectedSteps, values: Array | None = None
+) -> _IntegratedValues:
+    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error.
+
+    `values` are the integral between steps where it was computed already; overflow in them is refused here.
+    """
+    steps, measured_errors = selected.steps, selected.measured_errors.get(integral)
+    if values is None:
+        values = integral.integrate(steps, start)
+    else:
+        integral.check_finite(values.reshape(len(values), -1), steps)
     error = LazyValue(lambda: min(estimate_error(integral, steps, values, measured_errors), integral.max_error))
     return _IntegratedValues(steps.at_instants(values), steps.step_count, error)
 

@@ -136,47 +136,57 @@ class PrefixScan:
     def scan_steps(
         self,
         steps: Steps,
-        start: tuple[float, ...],
+        start: tuple[Any, ...],
         write_elements: Callable[[Array, HighLow, Array], None],
         execution: Execution,
+        motions: tuple[int, ...] = (),
     ) -> Array:
         """Return the prefix products of a start and the steps' elements that `write_elements` writes; (steps + 1, k).
 
         `write_elements` takes starts, lengths (as two doubles) and the rows that it writes. Products of
-        chunks are combined pairwise, so that no long part is combined with a much shorter one.
+        chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many motions rows
+        are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the motions.
         """
-        rows = np.empty((1 + _padded_length(steps.step_count), len(start)))
-        rows[0], rows[1 + steps.step_count :] = start, self.neutral
-        parts: list[tuple[int, tuple[float, ...]]] = []  # number of chunks, a power of two, and their product
+        rows = np.empty((*motions, 1 + _padded_length(steps.step_count), len(start)))
+        rows[..., 0, :], rows[..., 1 + steps.step_count :, :] = np.stack(start, axis=-1), self.neutral
+        parts: list[tuple[int, tuple[Any, ...]]] = []  # number of chunks, a power of two, and their product
         for first, last in steps.chunks():
-            count, chunk = 1, rows[first + 1 : len(rows) if last == steps.step_count else last + 1]
-            write_elements(*steps.starts_and_lengths(first, last), chunk[: last - first])
+            stop = rows.shape[-2] if last == steps.step_count else last + 1
+            count, chunk = 1, rows[..., first + 1 : stop, :]
+            write_elements(*steps.starts_and_lengths(first, last), chunk[..., : last - first, :])
             before = functools.reduce(lambda whole, part: self.combine(part[1], whole), parts, start)
             product = self.scan(chunk, before, execution)
             while parts and parts[-1][0] == count:
                 product, count = self.combine(product, parts.pop()[1]), 2 * count
             parts.append((count, product))
-        return rows[: steps.step_count + 1]
+        return rows[..., : steps.step_count + 1, :]
 
-    def padded_buffer(self, count: int) -> Array:
+    def padded_buffer(self, count: int, motions: tuple[int, ...] = ()) -> Array:
         """Return a buffer of rows for `count` elements, not filled but for neutral ones that complete groups."""
-        rows = np.empty((_padded_length(count), len(self.neutral)))
-        rows[count:] = self.neutral
+        rows = np.empty((*motions, _padded_length(count), len(self.neutral)))
+        rows[..., count:, :] = self.neutral
         return rows
 
-    def scan(self, rows: Array, start: tuple[float, ...], execution: Execution) -> Any:
+    def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
         """Replace rows of a `padded_buffer` by their prefix products from a start; return the product without it."""
-        if len(rows) <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
-            products = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
-            rows[:] = [self.finish(self.combine(product, start)) for product in products]
+        motions, count = rows.shape[:-2], rows.shape[-2]
+        if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
+            # Of one motion the components are floats, which are faster than arrays of one element.
+            elements = np.moveaxis(rows, (-2, -1), (0, 1)).copy() if motions else rows.tolist()
+            products = list(itertools.accumulate(map(tuple, elements), lambda a, b: self.combine(b, a)))
+            finished = [self.finish(self.combine(product, start)) for product in products]
+            rows[:] = np.moveaxis(np.array(finished), (0, 1), (-2, -1)) if motions else finished
             return products[-1]
-        groups = rows.reshape(-1, SCAN_GROUP_SIZE, rows.shape[1])
-        self._run_in_place(self._scan_group, groups, np.broadcast_to(self.neutral, groups[:, 0].shape), execution)
-        ends = self.padded_buffer(len(groups))
-        ends[: len(groups)] = groups[:, -1]
+        groups = rows.reshape(*motions, -1, SCAN_GROUP_SIZE, rows.shape[-1])
+        group_count = groups.shape[-3]
+        neutral = np.broadcast_to(self.neutral, groups[..., 0, :].shape)
+        self._run_in_place(self._scan_group, groups, neutral, execution)
+        ends = self.padded_buffer(group_count, motions)
+        ends[..., :group_count, :] = groups[..., -1, :]
         whole = self.scan(ends, start, execution)
-        before = np.concatenate([[start], ends[: len(groups) - 1]])
-        self._run_in_place(self._apply_prefix, groups, before[:, None], execution)
+        first = np.broadcast_to(np.stack(start, axis=-1), (*motions, rows.shape[-1]))[..., None, :]
+        before = np.concatenate([first, ends[..., : group_count - 1, :]], axis=-2)
+        self._run_in_place(self._apply_prefix, groups, before[..., None, :], execution)
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
