@@ -68,33 +68,40 @@ def to_urdf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
 ) -> str:
-    """Return the pair or robot as URDF text; equal pairs give equal texts. Warn of what URDF cannot hold.
+    """Return a pair or a robot as URDF text. Warn of properties that URDF cannot hold. Equal pairs give equal texts.
 
-    The text of a `Mechanism` has its links and joints, with masses, limits and the rules of joints that follow
-    others. When the text is read again, also by Pinocchio, q has the same order. A fixed or locked joint is written
-    as a fixed joint; of the links that it joins, one has the mass of all. Shapes are not written, nor are inertias
-    of rotors; a DynamicsWarning names the joints that have rotors.
+    For a pair, the text has three links:
 
-    The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
-    leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
-    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has any limit must state
-    limits of effort and velocity: where the pair has no torque_limit, effort="1000.0" (N m) is written, and where it
-    has no rate_limit, velocity="100.0" (rad/s), which should stop nothing. Simulators refuse principal moments of
-    inertia that no rigid body has: those of a flat body are raised above their round-off, or above the rounding that
-    `Body` warned of.
+    - `body1` has the frame (R1, S1).
+    - `body2_at_hinge` has its origin at the hinge point, and the mass and the shapes of body 2. The joint `hinge`
+      connects it with `body1`; this joint is revolute if the pair has limits, else continuous.
+    - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
+
+    If a URDF joint has any limit, it must state effort and velocity. For a pair without torque_limit,
+    effort="1000.0" [N m] is written, and without rate_limit, velocity="100.0" [rad/s]; both are large enough not to
+    limit ordinary motions. Simulators reject principal moments of inertia of which one exceeds the sum of the others,
+    which rounding can cause for a flat body. Such moments are written slightly larger, so that they are accepted.
+
+    For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. When the text is read
+    again, also by Pinocchio, the order of q is the same. Fixed and locked joints are written as fixed joints, and the
+    mass of all links that they join is written to one of these links. Shapes and inertias of rotors are not written;
+    a `DynamicsWarning` names the joints that have rotors.
 
     Args:
-        pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given. Or a robot.
-        base: "free": body1 (of a robot the base) is the root, to be set free by the loader (Pinocchio: a free-flyer
-            root joint); "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
-        hinge_torque: what acts at the hinge of a pair, as in `simulate`: its damping and friction are written, and
-            its stops in place of the pair's limits. A `DynamicsWarning` lists what URDF cannot hold.
-        body1: where body 1 of a pair stands, if the base is fixed: R and S; unless given, at the origin of `world`.
+        pair: a `HingePair`, whose limits, torque_limit, rate_limit, body1 and body2 are written if given; or a
+            `Mechanism`.
+        base: "free" (default): `body1`, or the base of a robot, is the root link, and the program that loads the text
+            decides whether it can move (in Pinocchio: a free-flyer as root joint). "floating": a floating joint
+            connects the root with a link `world`. "fixed": a fixed joint connects the root with a link `world`.
+        hinge_torque: `HingeLoad` at the hinge of a pair. Its damping and friction are written, and its stops in place
+            of the limits of the pair. A `DynamicsWarning` lists its other properties, which URDF cannot hold.
+        body1: pose of body 1 of a pair in `world` (R and S of a `BodyMotion`) if `base` is "fixed"; at the origin
+            unless given.
 
     Raises:
-        ArgumentError: an unknown base; the pair's name holds a character that XML cannot; body1 beside a base that is
-            not fixed, hinge_torque or body1 of a robot.
-        ShapeError: u1, u2, n or home differ from sample to sample.
+        ArgumentError: `base` is unknown; a name holds a character that XML does not allow; body1 is given but `base`
+            is not "fixed"; or hinge_torque or body1 is given with a robot.
+        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
@@ -147,28 +154,30 @@ def to_mjcf(
     body1: BodyMotion | None = None,
     gravity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> str:
-    """Return the pair as text of MJCF, MuJoCo's format; equal pairs give equal texts. Warn of what MJCF cannot hold.
+    """Return the pair as text in MJCF, the model format of MuJoCo. Warn of properties of the load that MJCF cannot
+    hold. Equal pairs give equal texts.
 
-    The body `body1` has the frame (R1, S1); it carries `body2_at_hinge`, turned by the joint `hinge` at the hinge
-    point; in this body, `body2` has the frame (R2, S2). qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1,
-    S1^T omega1, psi').
-    Nothing collides.
+    The model has three bodies: `body1` has the frame (R1, S1); `body2_at_hinge` is its child, has its origin at the
+    hinge point, and is rotated by the joint `hinge`; `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2). With
+    a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not collide.
 
     Args:
-        pair: the pair; its limits, torque_limit, body1 and body2 are written where given; MuJoCo knows no limit of
-            the rate.
-        base: "free": body 1 has a free joint; "pinned": a ball joint at R1, and qpos is (quat_wxyz of the turn of
-            body 1 from where it starts, psi); "fixed": it stands still, and qpos is (psi).
-        hinge_torque: what acts at the hinge, as in `simulate`: its spring, damping and friction are written, and its
-            stops in place of the pair's limits; how far these give way depends on MuJoCo's solver. A
-            `DynamicsWarning` lists what MJCF cannot hold.
-        body1: where body 1 stands or starts: R and S; unless given, at the origin.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); none unless given.
+        pair: the pair; its limits, torque_limit, body1 and body2 are written if given. Its rate_limit is not written,
+            since MuJoCo has no limits of rates.
+        base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
+            (quat_wxyz, psi), where quat_wxyz is the rotation of body 1 from its initial attitude. "fixed": body 1
+            does not move, and qpos is (psi).
+        hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written, and its stops in place
+            of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A `DynamicsWarning` lists
+            its other properties, which MJCF cannot hold.
+        body1: pose of body 1, or its initial pose if it can move (R and S of a `BodyMotion`); at the origin unless
+            given.
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); zero unless given.
 
     Raises:
-        ArgumentError: an unknown base, or another argument that cannot be used; the pair's name holds a character
-            that XML cannot.
-        ShapeError: u1, u2, n or home differ from sample to sample.
+        ArgumentError: `base` is unknown, another argument cannot be used, or the name of the pair holds a character
+            that XML does not allow.
+        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
 
     >>> import xml.etree.ElementTree as ET
     >>> import hingepair as hp

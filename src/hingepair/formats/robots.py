@@ -25,17 +25,19 @@ ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the rob
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return a robot of the package example-robot-data as a Mechanism.
+    """Return a robot of the package example-robot-data as a Mechanism. Warn of joints that are locked beyond their
+    limits.
 
     Args:
-        name: the URDF's file stem, or `folder/stem` (`hingepair robots` lists them).
-        base: "fixed" or "free".
-        locked: as for `Mechanism.from_urdf`.
-        snap: as for `Mechanism.from_urdf`.
+        name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
+            `hingepair robots` lists the names.
+        base: "fixed" (default): the base rests, or moves as prescribed; "free": forces move the base.
+        locked: positions [rad or m] at which joints are held, by the joint's name, as for `Mechanism.from_urdf`.
+        snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`.
 
     Raises:
-        ArgumentError: no such robot, or more than one; base, locked or snap cannot be used.
-        URDFError: the robot's URDF cannot be read.
+        ArgumentError: there is no robot of this name, or there are several; or base, locked or snap cannot be used.
+        URDFError: the URDF file of the robot cannot be read.
         MissingDependencyError: example-robot-data is not installed.
 
     >>> import hingepair as hp
@@ -49,20 +51,22 @@ def load_robot(
 def load_robot_hinge(robot: str, joint: str) -> HingePair:
     """Return one hinge of a robot of the package example-robot-data as a HingePair.
 
-    Parent link is body 1, child link body 2; u1 and home are the joint's origin, u2 = 0.
+    The parent link is body 1, the child link is body 2. u1 and home are the position and the rotation of the joint's
+    `<origin>` (home is the attitude of body 2 relative to body 1 at psi = 0); u2 is zero.
 
     Args:
-        robot: the URDF's file stem, or `folder/stem`.
-        joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
+        robot: name of the robot: the stem of its URDF file, such as "talos_reduced", or "folder/stem".
+        joint: name of a revolute or continuous joint, which may be a mimic joint.
 
     Returns:
-        The pair, named `robot/joint`, with the limits and the masses that `from_urdf` would give it: limits None
-        where the joint has none; body1 and body2 each of all links fixed to each other, None where no link has mass
-        or the sum is none that a rigid body can have (of this no warning here).
+        The pair, named `robot/joint`, with the limits and the mass properties that `from_urdf` gives it. The limits
+        are None if the joint has none. body1 and body2 each combine all links that are fixed to each other. A body is
+        None if none of its links has mass, or if no rigid body can have the combined mass properties; unlike
+        `from_urdf`, this function does not warn of the latter.
 
     Raises:
-        ArgumentError: no such robot, or more than one.
-        URDFError: no such hinge; lists those of the robot.
+        ArgumentError: there is no robot of this name, or there are several.
+        URDFError: the robot has no such hinge; the message lists its hinges.
         MissingDependencyError: example-robot-data is not installed.
 
     >>> import hingepair as hp

@@ -26,29 +26,39 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia
 def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
-    """Return one hinge of a URDF as a HingePair; warn of mass properties that no rigid body has.
+    """Read one hinge of a URDF, and return it as a HingePair. Leave out mass properties that no rigid body can have,
+    with a warning.
 
     Args:
-        path_or_text: a file's path, or the URDF itself (text that starts with "<").
-        joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
-        body1_frame: link whose frame is (R1, S1): the joint's parent link, or one rigidly fixed to it.
-        body2_frame: link whose frame is (R2, S2): the joint's child link, or one rigidly fixed to it.
+        path_or_text: path of a file, or the URDF itself (text that starts with "<").
+        joint: name of a revolute or continuous joint, which may be a mimic joint.
+        body1_frame: name of the link whose frame is (R1, S1): the parent link of the joint (default), or a link that
+            is rigidly fixed to it.
+        body2_frame: name of the link whose frame is (R2, S2): the child link of the joint (default), or a link that
+            is rigidly fixed to it.
 
     Returns:
-        The pair, named as the joint. Between parent and child link: u1 and home are the joint's origin, u2 = 0.
-        With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
-        is given: URDF takes them for 0), its effort as torque_limit, its velocity as rate_limit, and the mass
-        properties of the bodies, each of all links that are rigidly fixed to each other; None where no link has
-        mass, and, with a warning, where the sum is none that a rigid body can have. With these come the boxes,
-        cylinders and spheres of a body that is drawn by nothing else; meshes and the robot's name are not read.
-        What `to_urdf` wrote has its u2 with body2_frame="body2"; the effort 1000 and velocity 100 that stand there
-        for no limit come back as limits.
+        The pair, which has the name of the joint:
+
+        - With the default frames, u1 and home are the position and the rotation of the joint's `<origin>` (home is
+          the attitude of body 2 relative to body 1 at psi = 0), and u2 is zero.
+        - `limits` are the limits of a revolute joint. They are None if lower and upper are equal; this includes a
+          joint that states neither, since both then are 0 in URDF.
+        - `torque_limit` is the effort of the joint, `rate_limit` its velocity.
+        - `body1` and `body2` each combine all links that are rigidly fixed to each other. A body is None if none of
+          its links has mass, and also, with a warning, if no rigid body can have the combined mass properties.
+        - The boxes, cylinders and spheres of a body are read, unless the body is also drawn by other shapes, such as
+          meshes. Meshes and the name of the robot are not read.
+
+        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then that of the pair. The effort 1000
+        and the velocity 100, which `to_urdf` writes for a missing limit, are read as limits.
 
     Raises:
-        URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
-            way round, its parent or child link is not declared or is one body with the other, a number of its two
-            bodies is none. What is wrong elsewhere in the robot does not matter, but for a joint whose parent link
-            is not declared: the links that it carries may belong to either body.
+        URDFError: the URDF cannot be read; or it has no such hinge or frame, and the message lists what it has; or
+            the lower limit is above the upper limit; or the parent or child link is not declared, or both are fixed
+            to each other; or a value of the two bodies is not a number. Errors in other parts of the robot are
+            ignored, except a joint whose parent link is not declared, since the links that this joint carries might
+            belong to one of the bodies.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))

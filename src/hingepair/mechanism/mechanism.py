@@ -38,26 +38,31 @@ _JOINT_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Mechanism(MechanismMethods):
-    """A robot: a tree of hinges and sliders on a base that is fixed, moves as given, or is free.
+    """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
 
     A body is a group of links that fixed or locked joints hold together. The coordinates q are in the order of
-    `names`: depth-first, siblings by the joint's name, as in Pinocchio; in rad for hinges, in m for sliders. The
-    arguments q, qd, qdd and tau are an array of shape (..., dof), a table whose columns have the joints' names, or a
-    dict with a number or an array for each joint; a plain number is the same at every sample. The argument
-    `base_motion` is the pose and the motion of the base. By default the base rests at the origin; given position and
-    attitude alone, it rests there. Vectors are in world axes, accelerations are classical.
+    `names`: depth-first, siblings sorted by the joint's name, as in Pinocchio. They are in rad for hinges and in m
+    for sliders. Each of the arguments q, qd, qdd and tau of the methods is one of:
+
+    - an array of shape (..., dof);
+    - a table (such as a DataFrame) whose columns have the joints' names;
+    - a dict with a number or an array for each joint; a number holds for every sample.
+
+    The argument `base_motion` is the pose and the motion of the base. Without it, the base rests at the origin of the
+    world; if it holds only position and attitude, the base rests there. Vectors are in world axes, and accelerations
+    are classical (the second derivatives of positions).
 
     Args:
-        pairs: HingePairs and Sliders, each named for its joint. Body 2 of a pair is the link of the pair's name, with
-            the frame (R2, S2); body 1 of the first pair is the link "base". A body that two pairs share is given in
-            one of them, or equally in both.
+        pairs: HingePairs and Sliders, each with the name of its joint, in the order of q. Body 2 of a pair is the
+            link that has the pair's name and the frame (R2, S2); body 1 of the first pair is the link "base". If two
+            pairs share a body, its mass properties are given in one of them, or with equal values in both.
         parents: for each pair, the number of its body 1: 0 for the base, j (from 1 on) for body 2 of the j-th pair.
-            By default, body 1 of each pair is body 2 of the pair before.
-        base: "fixed": the base rests, or moves as `base_motion` says; "free": forces move the base.
-        name: name of the robot.
+            By default, body 1 of each pair is body 2 of the pair before it.
+        base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
+        name: name of the robot; "mechanism" unless given.
 
     Raises:
-        ArgumentError: the pairs are no tree, or do not stand in the order of q, which the message names.
+        ArgumentError: the pairs do not form a tree, or they are not in the order of q; the message gives that order.
 
     >>> import hingepair as hp
     >>> upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
@@ -93,24 +98,26 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from URDF, and return it as a Mechanism.
+        """Read a robot from URDF, and return it as a Mechanism. Warn of joints that are locked beyond their limits,
+        and of mimic joints whose leader does not exist.
 
-        Revolute and continuous joints are hinges, prismatic ones sliders; fixed joints are folded into the links that
-        carry them, masses included; a mimic joint follows its leader. Masses are used as they are written, even those
-        that no rigid body can have; a `DynamicsWarning` names these when forces or accelerations are computed.
+        Revolute and continuous joints become hinges, prismatic joints sliders. The links that a fixed joint connects
+        become one body, which has the mass of both. A mimic joint has no coordinate: it follows its leader. Masses
+        are used as they are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies when
+        forces or accelerations are computed.
 
         Args:
-            path_or_text: a file's path, or the URDF itself (text that starts with "<").
-            base: "fixed" or "free"; the base is the root link.
-            locked: positions [rad or m] at which joints are held, by name, such as {"panda_finger_joint1": 0.02};
-                joints that follow them are held too. A position beyond the joint's limits is used, with a
-                `DynamicsWarning`.
-            snap: angles of origins (rpy) that are within `snap` [rad] of a multiple of pi/2 become that multiple;
-                for example 1e-6. Unless given, only the double nearest to a multiple of pi/2 is that turn exactly.
+            path_or_text: path of a file, or the URDF itself (text that starts with "<").
+            base: "fixed" (default) or "free"; the base is the root link.
+            locked: positions [rad or m] at which joints are held, by the joint's name, such as
+                {"panda_finger_joint1": 0.02}; mimic joints that follow them are held too. A position beyond the
+                joint's limits is used, with a `DynamicsWarning`.
+            snap: tolerance [rad], such as 1e-6: angles of origins (rpy) that are within it of a multiple of pi/2 are
+                replaced by that multiple. Unless given, only the double nearest to a multiple of pi/2 is replaced.
 
         Raises:
-            URDFError: no readable URDF, links and joints that are no tree, a joint that is planar or floating, a
-                number that is none; names the joint or the link.
+            URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or
+                floating, or a value is not a number; the message names the joint or the link.
             ArgumentError: base, locked or snap cannot be used.
 
         >>> import hingepair as hp
@@ -125,24 +132,27 @@ class Mechanism(MechanismMethods):
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
         """Return the robot of a Pinocchio model as a Mechanism, for example one that Pinocchio has read from MJCF.
+        Warn if the model's gravity differs from the default of the methods.
 
-        Inertias of rotors (`model.armature`) count as they do in Pinocchio: in forces, the mass matrix, forward
-        dynamics and kinetic energy (where Pinocchio 4.1 leaves out those of oblique hinges). As in Pinocchio's own
-        algorithms, `rotorInertia` and `rotorGearRatio` count only where they are part of `armature`, and damping and
-        dry friction nowhere. Limits are the upper ones of effort and velocity; reference configurations and margins
-        of limits are not used. Gravity is an argument of the methods; a DynamicsWarning reports a model whose gravity
-        differs from their default.
+        The inertias of the motors' rotors (`model.armature`) are counted in forces, the mass matrix, forward dynamics
+        and kinetic energy, as in Pinocchio. One exception: for a joint whose axis is not a coordinate axis,
+        Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair does not. `rotorInertia` and `rotorGearRatio`
+        are counted only as far as `armature` contains them. Position limits and the upper limits of effort and
+        velocity are taken over. Damping, dry friction, lower limits of effort and velocity, reference configurations
+        and margins of limits are ignored. Gravity is an argument of the methods; a `DynamicsWarning` reports a model
+        whose gravity differs from their default.
 
         Args:
-            model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints, depth-first;
-                at its root there may be a free-flyer. Its q is that of the robot where nq is nv: a continuous joint
-                has cos and sin in Pinocchio's q.
-            base: "fixed" or "free"; unless given, free where the model has a free-flyer.
+            model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
+                order; the joint at its root may be a free-flyer. Without a free-flyer and without continuous joints,
+                Pinocchio's q and the robot's q are the same. For a continuous joint, Pinocchio's q holds the cosine
+                and the sine of the angle, the robot's q the angle.
+            base: "fixed" or "free"; unless given, "free" if the model has a free-flyer, else "fixed".
             locked: as for `from_urdf`.
 
         Raises:
-            ArgumentError: a joint of another kind, or not depth-first, or with an armature that is negative, not
-                finite or that of the free base; the error names it.
+            ArgumentError: a joint is of another kind or not in depth-first order; or its armature is negative or not
+                finite; or the free-flyer has an armature. The message names the joint.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -160,45 +170,46 @@ class Mechanism(MechanismMethods):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints with a coordinate, in the order of q; mimic joints have none."""
+        """Names of the joints that have a coordinate, as a tuple in the order of q; mimic joints have none."""
         return tuple(joint.name for joint in self.tree.coordinates)
 
     @property
     def dof(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates (degrees of freedom of the joints), without those of a free base."""
         return len(self.tree.coordinates)
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links, the base first, each after the link that carries it."""
+        """Names of the links, as a tuple; the base is first, and each link is after the link that carries it."""
         return tuple(self.tree.links)
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """Names of the last links of all branches, whose motion is computed by default."""
+        """Names of the last links of all branches, as a tuple; the default frames of `forward_kinematics`."""
         return self.tree.tips
 
     @property
     def position_limits(self) -> Float64Array:
-        """Lower and upper limits of q [rad or m], infinite where there is none; shape (dof, 2)."""
+        """Lower and upper limits of q [rad or m], -inf and inf for joints without limits; shape (dof, 2)."""
         return self._limits("position_limits", 2)
 
     @property
     def rate_limits(self) -> Float64Array:
-        """Largest rates [rad/s or m/s], infinite where there is none; shape (dof,)."""
+        """Largest permitted rates of the coordinates [rad/s or m/s], inf for joints without a limit; shape (dof,)."""
         return self._limits("rate_limit")
 
     @property
     def effort_limits(self) -> Float64Array:
-        """Largest torques [N m] and forces [N] of the motors, infinite where there is none; shape (dof,)."""
+        """Largest torques [N m] and forces [N] of the motors, inf for joints without a limit; shape (dof,)."""
         return self._limits("effort_limit")
 
     @property
     def armature(self) -> Float64Array:
-        """Inertias of the motors' rotors, which add to the diagonal of the mass matrix; shape (dof,).
+        """Inertias of the motors' rotors, which are added to the diagonal of the mass matrix; shape (dof,).
 
-        The unit is kg m^2 for hinges and kg for sliders, referred to the coordinate by the square of the gear ratio.
-        They are 0 unless a Pinocchio model has them.
+        The unit is kg m^2 for hinges and kg for sliders. Each is the inertia of the rotor times the square of the
+        gear ratio; rotors of mimic joints are counted at the coordinate of their leader. Only robots from Pinocchio
+        models (`from_pinocchio`) have such inertias; for all others they are 0.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:
@@ -213,13 +224,14 @@ class Mechanism(MechanismMethods):
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
     def __getitem__(self, joint: str) -> HingePair | Slider:
-        """Return a moving joint as a pair between the frames of the two bodies that it connects.
+        """Return a moving joint, by name, as a HingePair or Slider between the frames of the two bodies that it
+        connects.
 
-        A body's frame is that of the link behind its joint; its mass properties are in the pair where a rigid body
-        can have them. A pair has no armature.
+        The frame of a body is that of the link behind its joint. body1 and body2 of the pair are None if the body has
+        no mass, or if no rigid body can have its mass properties. A pair has no armature.
 
         Raises:
-            ArgumentError: no such joint; lists those that move.
+            ArgumentError: the robot has no such moving joint; the message lists the moving joints.
         """
         for candidate in self.tree.joints:
             if candidate.name == joint:
@@ -234,15 +246,15 @@ class Mechanism(MechanismMethods):
     # ---- extended copies
 
     def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return a copy of the robot with a further body fixed to a link.
+        """Return a copy of the robot with a further body that is fixed to a link.
 
         Args:
-            link: name of a link, a joint or another frame, whose origin and axes are the body's reference point and
-                axes.
+            link: name of the link, joint or other frame to which the body is fixed. The origin and axes of this frame
+                are the body's reference point and axes.
             body: mass properties and shapes of the body.
 
         Raises:
-            ArgumentError: no such link, or no Body.
+            ArgumentError: the robot has no frame `link`, or `body` is not a Body.
 
         >>> import hingepair as hp
         >>> ball = hp.Body(2, inertia=(1, 1, 1))
@@ -255,16 +267,17 @@ class Mechanism(MechanismMethods):
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return a copy of the robot with a further frame, for example that of a tool.
+        """Return a copy of the robot with a further named frame, for example the frame of a tool.
 
         Args:
             name: name of the new frame, which no link, joint or frame has yet.
             link: name of the link, the joint or the other frame to which the new frame is fixed.
-            R: origin of the new frame from that of `link`, in the axes of `link` [m]; shape (3,).
+            R: position of the new frame's origin from the origin of `link`, in the axes of `link` [m]; shape (3,);
+                zero unless given.
             S: rotation from the axes of the new frame to those of `link`; identity unless given; shape (3, 3).
 
         Raises:
-            ArgumentError: no such link, a name that is taken, or R or S that cannot be used.
+            ArgumentError: the robot has no frame `link`, the name is already in use, or R or S cannot be used.
 
         >>> import hingepair as hp
         >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand")

@@ -118,27 +118,32 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the motion of frames: pose, with `qd` velocities too, with `qdd` accelerations (E2, E5, E7-E9).
+        """Compute the poses of frames; with `qd` also their velocities, with `qdd` also their accelerations (E2, E5,
+        E7-E9). Arrays in `out` are written in place.
 
         Args:
-            q: coordinates.
-            qd: their time derivatives.
-            qdd: their second time derivatives.
-            frames: names of links, joints or added frames; unless given, only `robot.tips`, the last link of every
-                branch. Where a joint and a link share a name, it is the link's frame.
-            outputs: names out of R, S, d, v, omega, a, alpha: exactly these are computed; by default all that the
-                inputs allow.
-            base_motion: pose and motion of the base.
-            out: arrays by output name, written in place; shape (..., frames, 3), of S (..., frames, 3, 3).
+            q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
+                (..., dof), a table whose columns have the joints' names, or a dict with a number or an array for
+                each joint.
+            qd: first time derivatives of q, in one of the forms of q.
+            qdd: second time derivatives of q, in one of the forms of q; they need qd.
+            frames: names of links, joints or added frames; unless given, `robot.tips`, the last link of every branch.
+                A name that a joint and a link share is the link's.
+            outputs: names out of R, S, d, v, omega, a, alpha; exactly these outputs are computed. By default these
+                are all outputs that the inputs allow.
+            base_motion: pose and motion of the base; unless given, the base rests at the origin of the world.
+            out: arrays by output name, which are written in place; shape (..., frames, 3), for S
+                (..., frames, 3, 3).
             workers: number of threads; -1 for all cores.
-            backend: "numpy", "compiled", or "auto", which compiles where that pays.
+            backend: "numpy", "compiled", or "auto" (default), which compiles where the number of samples is worth it.
 
         Returns:
-            The motions: `state["panda_hand"].R` for one frame, `state.R` for all frames, with an axis of frames. The
-            dtype is float32 if all given arrays are float32, else float64.
+            The motion of the frames: `state["panda_hand"].R` is the position of one frame, `state.R` that of all
+            frames, with an axis of frames behind the samples. The dtype is float32 if all given arrays are float32,
+            else float64.
 
         Raises:
-            ArgumentError: an argument cannot be used; the error names it and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -166,17 +171,23 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian of a frame: (v, omega) = J @ qd of its origin, world axes (E2, E8).
+        """Compute the Jacobian J of a frame, shape (..., 6, dof): (v, omega) = J @ qd (E2, E8). For a free base, J
+        has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd).
 
-        This is Pinocchio's LOCAL_WORLD_ALIGNED. For a free base, (v, omega) = J @ (v1, omega1, qd).
+        v is the velocity of the frame's origin, and omega its angular velocity, both in world axes. Pinocchio calls
+        this Jacobian LOCAL_WORLD_ALIGNED.
 
         Args:
-            q: coordinates.
-            frame: name of a link, a joint or an added frame; may be left out where the robot has one branch.
-            base_motion: motion of the base, of which S is used.
-            out: an array to write into; shape (..., 6, dof), for a free base (..., 6, 6 + dof).
+            q: coordinates, as for `forward_kinematics`.
+            frame: name of a link, a joint or an added frame; by default the last link of a robot that has a single
+                branch.
+            base_motion: motion of the base, of which only S is used; unless given, S is the identity.
+            out: an array that is written in place, of the shape of the result.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or `frame` is needed since the robot has several branches.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -197,10 +208,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of a frame's acceleration that velocities cause: (a, alpha) = J @ qdd + bias (E9).
+        """Compute the part of a frame's acceleration that velocities cause, shape (..., 6): bias in (a, alpha) =
+        J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias.
 
-        All vectors are in world axes; shape (..., 6). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias; the
-        given motion of a fixed base counts in the bias. The arguments are those of `jacobian`.
+        J is the result of `jacobian`; a is the classical acceleration of the frame's origin, and all vectors are in
+        world axes. If the base is "fixed", the bias also holds the velocities and accelerations of `base_motion`.
+        `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -226,31 +239,43 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Compute rigorous bounds on the rounding error of each output at every sample; return them by output name.
+        """Compute rigorous bounds on the rounding error of each output at every sample; return a dict of arrays by
+        output name.
 
         The error is the difference from the exact result of the equations for the given coordinates and the joints
-        and bodies of `tree`. The bounds are rigorous for both backends if sines and cosines are accurate to 1.5 units
-        in the last place.
+        and bodies of this robot as stored (`robot.tree`). The bounds are rigorous for both backends if sines and
+        cosines are accurate to 1.5 units in the last place.
 
         Args:
-            q: coordinates.
-            qd: their time derivatives.
-            qdd: their second time derivatives.
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            qdd: second time derivatives of q.
             frames: as for `forward_kinematics`.
-            outputs: those of `forward_kinematics`; of the first frame jacobian and acceleration_bias; tau, force1,
-                torque1, mass_matrix, bias_forces, gravity_forces; qdd of `forward_dynamics`, and of a free base a1
-                and alpha1; centre_of_mass, centre_of_mass_jacobian, centre_of_mass_bias, kinetic, potential, linear,
-                angular_about_origin, angular_about_centre. Unless given, all motion that the inputs allow.
-            base_motion: pose and motion of the base.
+            outputs: names of outputs; by default all outputs of `forward_kinematics` that the inputs allow. Names
+                are:
+
+                - those of `forward_kinematics`: R, S, d, v, omega, a, alpha;
+                - jacobian and acceleration_bias, which are computed for the first frame only;
+                - tau, force1 and torque1 of `inverse_dynamics`;
+                - qdd of `forward_dynamics`, for a free base also a1 and alpha1;
+                - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
+                  centre_of_mass_bias, each the result of the method of that name;
+                - kinetic and potential of `energy`;
+                - linear, angular_about_origin and angular_about_centre of `momentum`.
+            base_motion: pose and motion of the base, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: joint torques and forces, for accelerations; in the forms of q.
-            force1: force on a free base at R1, for accelerations; as for `forward_dynamics`.
-            torque1: torque on a free base about R1.
+            tau: joint torques and forces, in one of the forms of q; only qdd, a1 and alpha1 need them.
+            force1: force on a free base, as for `forward_dynamics`.
+            torque1: torque on a free base, as for `forward_dynamics`.
 
         Returns:
-            By output, the bound on the error of its largest component, in the output's unit; of motion one for each
-            frame, shape (..., frames); of all else shape (...). A bound is infinite where numbers overflow or are not
-            finite, and where rounding may decide whether the mass matrix is singular.
+            For each output, the bound on the error of its largest component, in the output's unit. Outputs of
+            `forward_kinematics` have a bound for each frame, shape (..., frames); all others have shape (...). A
+            bound is infinite where numbers overflow or are not finite, and where the mass matrix is so nearly
+            singular that rounding may decide whether it is.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
 
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -297,26 +322,31 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute the torques and forces that a motion of the robot requires (T1-T3).
+        """Compute the joint torques and forces, and the load on the base, that a motion of the robot requires
+        (T1-T3). Arrays in `out` are written in place.
 
         Args:
-            q: coordinates.
-            qd: their time derivatives.
-            qdd: their second time derivatives.
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            qdd: second time derivatives of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads on links: (force, torque) by link, world axes, at the link's origin.
-            base_motion: motion of the base, of which S, omega, a and alpha are used.
-            outputs: names out of tau, force1, torque1: exactly these are computed; by default all.
-            out: arrays by output name, written in place.
+            wrenches: further loads that act on links: a dict of (force, torque) by link name, in world axes [N, N m],
+                shape (..., 3) each or the number 0. The force acts at the origin of the link.
+            base_motion: motion of the base, of which only S, omega, a and alpha are used; unless given, the base is
+                at rest.
+            outputs: names out of tau, force1, torque1; exactly these outputs are computed, by default all.
+            out: arrays by output name, which are written in place.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            tau (..., dof) [N m for hinges, N for sliders]; and force1 [N] and torque1 [N m] on the base about R1,
-            which are the reaction of a fixed base, without the base's own mass.
+            tau: torques of hinges [N m] and forces of sliders [N] in the order of q; shape (..., dof). force1 [N] and
+            torque1 [N m]: force on the base at R1 and torque on the base about R1 that the motion requires, world
+            axes; shape (..., 3) each. If the base is "fixed", its support exerts them, and the base's own mass is
+            not counted; if it is "free", that mass is counted.
 
         Raises:
-            ArgumentError: an argument cannot be used; the error names it and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -350,28 +380,31 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Samples with a singular
-        mass matrix are NaN, with a warning.
+        mass matrix are NaN, and a warning says so. Arrays in `out` are written in place.
 
         Args:
-            q: coordinates.
-            qd: their time derivatives.
-            tau: joint torques [N m] of hinges and forces [N] of sliders; in the forms of q.
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads on links: (force, torque) by link, world axes, at the link's origin.
+            wrenches: further loads that act on links, as for `inverse_dynamics`.
             force1: force on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
             torque1: torque on a free base about R1, world axes [N m]; shape (..., 3), or the number 0.
-            base_motion: motion of the base, of which S and omega are used; for a fixed base also a and alpha.
-            outputs: names out of qdd, and of a free base a1, alpha1: exactly these are computed; by default all.
-            out: arrays by output name, written in place.
+            base_motion: motion of the base, of which only S and omega are used, for a "fixed" base also a and alpha;
+                unless given, the base has S = identity and is at rest.
+            outputs: names out of qdd, for a free base also a1 and alpha1; exactly these outputs are computed, by
+                default all.
+            out: arrays by output name, which are written in place.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            qdd (..., dof); for a free base also a1 and alpha1 (..., 3). Samples with a singular mass matrix are NaN,
-            with a DynamicsWarning that names a joint that no inertia resists.
+            qdd, the second time derivatives of q, shape (..., dof); for a free base also a1 and alpha1, the
+            acceleration of R1 and the angular acceleration in world axes, shape (..., 3) each. Where the mass matrix
+            is singular they are NaN, and a DynamicsWarning names a joint whose motion no inertia resists.
 
         Raises:
-            ArgumentError: an argument cannot be used; the error names it and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -399,10 +432,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M of M @ qdd + bias = tau (T4); shape (..., dof, dof).
+        """Compute the mass matrix M in M @ qdd + bias = tau (T4); shape (..., dof, dof). For a free base, compute M
+        in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof).
 
-        For a free base, M belongs to M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau), world axes; shape
-        (..., 6 + dof, 6 + dof). Of `base_motion`, only S is used; the other arguments are those of `jacobian`.
+        The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
+        those of `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -423,10 +457,14 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3): tau = mass_matrix @ qdd + bias_forces.
+        """Compute the generalized forces at zero acceleration (T1-T3), shape (..., dof): bias_forces in tau =
+        mass_matrix @ qdd + bias_forces.
 
-        Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S and omega are used, for a fixed
-        base also a and alpha; the other arguments are those of `jacobian`.
+        They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau), of shape
+        (..., 6 + dof): force on the base at R1 and torque about R1 in world axes, then the joints. Of `base_motion`,
+        only S and omega are used, for a "fixed" base also a and alpha. `gravity` is the acceleration of free fall,
+        world axes [m/s^2], shape (3,); `qd` are the time derivatives of q; the other arguments are those of
+        `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -447,10 +485,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3).
+        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3); shape (..., dof), for a
+        free base (..., 6 + dof).
 
-        Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S is used; the other arguments are
-        those of `jacobian`.
+        For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
+        then the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The other
+        arguments are those of `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -470,10 +510,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the centre of mass, world axes [m]; shape (..., 3). The mass of a fixed base does not count.
+        """Compute the position of the robot's centre of mass, world axes [m]; shape (..., 3). The mass of a "fixed"
+        base is not counted.
 
-        Of `base_motion`, only R and S are used; the other arguments are those of `jacobian`. A body's own centre of
-        mass is `Body.center_of_mass`.
+        The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
+        body is `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -491,10 +532,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian of the centre of mass: its velocity is J @ qd, for a free base J @ (v1, omega1, qd).
+        """Compute the Jacobian J of the centre of mass, shape (..., 3, dof): the velocity of the centre of mass is
+        J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof).
 
-        World axes; shape (..., 3, dof), for a free base (..., 3, 6 + dof). Of `base_motion`, only S is used; the
-        other arguments are those of `jacobian`.
+        Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -514,9 +555,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias of the centre of mass: its acceleration is J @ qdd + bias; shape (..., 3).
+        """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias; shape (..., 3). For a
+        free base, the acceleration is J @ (a1, alpha1, qdd) + bias.
 
-        Arguments are those of `acceleration_bias`, without a frame.
+        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
+        `acceleration_bias`, without `frame`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -536,11 +579,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic energy, and the potential energy that is 0 at the world's origin [J]; shape (...) each
-        (T7).
+        """Compute the kinetic and the potential energy of the robot [J]; return an Energy of `.kinetic` and
+        `.potential`, shape (...) each (T7). The potential energy is 0 for a mass at the origin of the world.
 
-        A fixed base's own mass does not count; rotors count in the kinetic energy. Of `base_motion`, only R, S, v and
-        omega are used.
+        The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
+        kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
+        `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -561,10 +605,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the linear and the angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
+        """Compute the linear [kg m/s] and the angular momentum [kg m^2/s] of the robot, world axes; return a Momentum
+        of `.linear` and `.angular`, shape (..., 3) each (T8).
 
-        `about` is the point of the angular momentum: the world's "origin", or the "centre" of mass. A fixed base's
-        own mass does not count, and rotors do not. Of `base_motion`, only R, S, v and omega are used.
+        The angular momentum is taken about the point `about`: the "origin" of the world (default), or the "centre" of
+        mass. The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`,
+        only R, S, v and omega are used. The other arguments are those of `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -587,30 +633,36 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PreparedMechanism:
-        """Plan, check and compile a call once, and return it as a callable for loops over single states or small
-        batches.
+        """Plan, check and compile a computation once, and return it as a callable for loops over single states or
+        small batches.
 
         Args:
-            given: what is computed: "pose", "velocity" or "acceleration" of frames, "jacobian" or
-                "acceleration_bias" of one frame, "inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_forces"
-                or "gravity_forces". A call takes the coordinates that the method of that name takes (q; q and qd for
-                velocities; q, qd and tau for forward dynamics), as arrays. Or a tuple of the names that a call takes,
-                out of q, qd, qdd, tau, the motion of the base R1, S1, v1, omega1, a1, alpha1, and force1 and torque1
-                on a free one; then `outputs` says what is computed. The base rests at the origin where nothing else
-                is given.
+            given: one of two things:
+
+                - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian" or
+                  "acceleration_bias" (of one frame), "inverse_dynamics", "forward_dynamics", "mass_matrix",
+                  "bias_forces" or "gravity_forces". The callable then takes the coordinates of that computation as
+                  arrays: q; q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
+                  "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics".
+                - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
+                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
+                  `outputs` then names the outputs.
+
+                A base without given motion rests at the origin of the world.
             frames: as for `forward_kinematics`.
-            outputs: names of the outputs to compute; by default all that `given` implies.
+            outputs: names of the outputs to compute; by default all outputs of the computation that `given` names, or
+                for a tuple all outputs of `forward_kinematics` that it allows.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for all cores.
-            backend: "auto" and "compiled" compile here and now; "numpy" never does.
+            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles.
 
         Returns:
-            A callable of the arrays in the order of `given`, and `out=`, that returns what the method returns.
-            `.source` is the generated Python code, `.llvm` the LLVM code, and `.operations` the numbers of
-            operations, which are also printed with the callable.
+            A callable that takes the arrays in the order of `given`, and optionally `out=`, and returns the results
+            of the method that it stands for. Its attribute `.source` is the generated Python code, `.llvm` the LLVM
+            code, and `.operations` the numbers of operations, which are also printed with the callable.
 
         Raises:
-            ArgumentError: an unknown name, or an output that needs more than is given; the error names it.
+            ArgumentError: a name is unknown, or an output needs an argument that is not given; the message names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -644,21 +696,24 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the arithmetic operations for each sample, with these arguments and without known inputs; nothing is
-        computed.
+        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would make for these
+        arguments, and return the counts. The outputs are not computed.
 
-        Numbers among the coordinates by joint are known constants; what follows from them is left out, or computed
-        once for all samples.
+        A plain number in a dict of coordinates is a constant for all samples. Operations on constants alone are
+        saved, or made once for all samples.
 
         Args:
-            coordinates: q, q and qd, or q, qd and qdd.
-            outputs: those of `forward_kinematics`, or of `inverse_dynamics`.
+            coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
+            outputs: names of outputs of `forward_kinematics`, or of `inverse_dynamics`.
             frames: as for `forward_kinematics`.
-            base_motion: pose and motion of the base.
+            base_motion: pose and motion of the base; unless given, it rests at the origin.
 
         Returns:
-            `.per_sample` for each sample, `.shared` once for all samples, `.unfolded` where no input is known
-            beforehand.
+            Three counts: `.per_sample`, operations for each sample; `.shared`, operations that are made once for all
+            samples; `.unfolded`, operations for each sample if no input were constant.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or an output needs coordinates that are not given.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -23,23 +23,25 @@ _SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body
 class Slider(Frozen, Shown):
     """Two rigid bodies joined by a slider: R2 = R1 + S1 (u1 + n q) - S2 u2, S2 = S1 home; q is the shift [m].
 
-    A slider is a joint of a `Mechanism`, as a `HingePair` is, with the fields of one. Values are copied in and
-    read-only.
+    Like a `HingePair`, a slider is a joint of a `Mechanism`; it has the same fields as a `HingePair`. The values are
+    copied and read-only.
 
     Args:
-        u1: point of body 1 that meets the point u2 of body 2 at q = 0, body-1 axes [m]; shape (3,).
-        u2: position of that point from body 2's reference point, body-2 axes [m]; shape (3,).
+        u1: vector from the reference point of body 1 to the point of body 1 at which the point u2 of body 2 is at
+            q = 0, body-1 axes [m]; shape (3,).
+        u2: vector from the reference point of body 2 to that point, body-2 axes [m]; shape (3,).
         n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
-        home: rotation of body 2 relative to body 1; identity unless given; shape (3, 3).
-        name: name of the joint.
-        limits: lower and upper limit of q [m]; shape (2,).
-        body1: mass properties and shapes of body 1.
-        body2: mass properties and shapes of body 2.
-        torque_limit: the largest force of the slider's motor [N]; URDF calls it effort.
-        rate_limit: the largest rate [m/s].
+        home: attitude of body 2 relative to body 1 (rotation from body-2 axes to body-1 axes); identity unless given;
+            shape (3, 3).
+        name: name of the joint; "slider" unless given.
+        limits: lower and upper limit of q [m]; shape (2,); None (default) for no limits.
+        body1: mass properties and shapes of body 1; None (default) if they are unknown.
+        body2: mass properties and shapes of body 2; None (default) if they are unknown.
+        torque_limit: largest force of the slider's motor [N], which URDF calls effort; None (default) for no limit.
+        rate_limit: largest rate [m/s]; None (default) for no limit.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape; the message names the argument.
 
     >>> import hingepair as hp
     >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))

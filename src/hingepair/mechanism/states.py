@@ -46,10 +46,11 @@ class FrameState(Results):
 
 
 class MechanismState(Results):
-    """Motion of some frames of a robot at every sample; world axes, SI units.
+    """Motion of some frames of a robot at every sample: arrays R, S, d, v, omega, a and alpha in world axes and SI
+    units. Outputs that were not computed are None.
 
-    Each array has an axis of frames behind the samples; `state["hand"]` is the motion of one frame, without that
-    axis. Outputs that were not computed are None.
+    Each array has an axis of frames behind the axes of the samples. `state["hand"]` is the motion of one frame,
+    without that axis.
 
     Attributes:
         frames: names of the frames, in the order of the axis.
@@ -130,12 +131,14 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample, and columns by the joints' names, then force1_x, ...
+        """Return a pandas DataFrame with a row for each sample. The columns have the names of the joints; vectors of
+        the base follow, as the columns force1_x, force1_y, ...
 
-        A table of the joints alone, as of `outputs=("tau",)`, is what the robot's methods take for `tau`.
+        The table of results that were computed with `outputs=("tau",)` has only columns of joints; the methods of the
+        robot accept it as the argument `tau`.
 
         Raises:
-            ArgumentError: the samples stand along more than one axis.
+            ArgumentError: the samples have more than one axis.
             MissingDependencyError: pandas is not installed.
         """
         if len(self.shape) > 1:
@@ -189,12 +192,12 @@ def _rebuild_joint_results(
 
 
 class MechanismForces(JointResults):
-    """Joint torques, and force and torque on the base, that a motion of a robot requires."""
+    """Joint torques tau, and the force force1 and torque torque1 on the base, that a motion of a robot requires."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
-        "force1": "Force on the base at R1, world axes; the reaction of a fixed base; (..., 3) N.",
-        "torque1": "Torque on the base about R1, world axes; (..., 3) N m.",
+        "force1": "Required force on the base at R1, world axes; a support exerts it on a fixed base; (..., 3) N.",
+        "torque1": "Required torque on the base about R1, world axes; (..., 3) N m.",
     }
 
     tau: FloatArray
@@ -203,7 +206,7 @@ class MechanismForces(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """Accelerations of a robot under given torques and forces."""
+    """Accelerations of a robot under given torques and forces: qdd of the joints, a1 and alpha1 of a free base."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "qdd": "Second derivatives of the coordinates; (..., dof) rad/s^2, of sliders m/s^2.",

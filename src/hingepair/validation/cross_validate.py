@@ -66,39 +66,48 @@ def cross_validate(
     """Compare the outputs of a pair or a robot with those of Pinocchio, state by state; return a report that says
     whether they agree.
 
-    Pinocchio's computation shares nothing with that of hingepair: the attitude and the rates of body 1 come from
-    Pinocchio too, from a chain of three revolute joints in the order of the sequence. R2, S2 and d (R2 - R1) are
-    compared, with qd also v2 and omega2, with qdd also a2 and alpha2. Pinocchio's d is that of a pair with R1 = 0,
-    since the difference of R2 and R1 would round.
+    The computations share no code: Pinocchio also computes the attitude and the rates of body 1, as those of a chain
+    of three revolute joints in the order of the Euler sequence.
 
-    Of a robot, these are compared: the motion of all links, the Jacobians of the last link of each branch, and the
-    mass matrix; with qd also energies and momenta; with qdd also forces and torques. Forward dynamics is compared by
-    its residual: the forces that hingepair's accelerations require by Pinocchio's inverse dynamics, against the
-    forces that act.
+    For a pair, R2, S2 and d = R2 - R1 are compared, with qd also v2 and omega2, with qdd also a2 and alpha2. For d,
+    Pinocchio computes a pair at R1 = 0, because a difference of R2 and R1 would have the rounding error of both.
+
+    For a robot, the motion of all links, the Jacobians of the last link of each branch, and the mass matrix are
+    compared; with qd also energies and momenta, with qdd also forces and torques. Forward dynamics is compared by its
+    residual: from hingepair's accelerations, Pinocchio's inverse dynamics computes the forces that they require, and
+    these are compared with the forces that act.
 
     Args:
-        pair: the pair; a planar one is compared in the plane, with phi2 in place of S2. Or a robot, whose q, qd
-            and qdd are as its methods take them.
-        q: (x, y, z, phi_x, phi_y, phi_z, psi); shape (..., 7) or a tuple of seven coordinates. Of a planar pair
-            (x, y, phi, psi).
-        qd: time derivative of q, in the same form.
-        qdd: second time derivative of q, in the same form.
-        sequence: Euler sequence of a pair; not used for a robot.
-        frames: of a robot, names of the links or joints whose motion and Jacobians are compared; unless given, those
-            named above.
-        base_motion: of a robot, the motion of its base, which rests at the origin unless given.
-        gravity: of a robot, acceleration of free fall [m/s^2]; shape (3,).
+        pair: a `HingePair`, a `PlanarPair` or a `Mechanism` (robot). A planar pair is compared in the plane, with the
+            angle phi2 in place of S2.
+        q: coordinates. For a pair (x, y, z, phi_x, phi_y, phi_z, psi) [m, rad], shape (..., 7) or a tuple of seven
+            coordinates; for a planar pair (x, y, phi, psi), shape (..., 4) or a tuple of four. For a robot, as for
+            `Mechanism.forward_kinematics`.
+        qd: first time derivatives of q, in the form of q.
+        qdd: second time derivatives of q, in the form of q.
+        sequence: Euler sequence of body 1 of a pair; "XYZ" unless given. Not used for planar pairs and robots.
+        frames: for a robot, names of the links or joints whose motion and Jacobians are compared; unless given, the
+            motion of all links and the Jacobians of the last link of each branch.
+        base_motion: for a robot, the motion of its base; unless given, the base rests at the origin.
+        gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) unless given.
 
     Returns:
-        A `CrossValidation` (hingepair.validation.report) with `.ok`, `.verdict`, `.to_json()`, and `.rows`; printed,
-        it is a table. A row has `.output`, `.max_error` (in the output's unit), `.max_ratio` (the error in units of
-        u * scale: u is the unit roundoff, the scale is the size of the terms before they cancel), `.worst_sample`
-        (that of max_ratio), `.samples` and `.bound`. Samples that are not finite are counted in `.skipped` and left
-        out. For a robot, a `RobotValidation` (hingepair.validation.robot_report), whose rows also have `.worst_part`,
-        a link or a joint.
+        For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
+        (hingepair.validation.robot_report). Both have `.ok`, `.verdict` (one line), `.to_json()`, `.skipped` (number
+        of samples that were left out because they are not finite) and `.rows`; printed, they are a table. There is a
+        row for each output, with:
+
+        - `.output`: name of the output;
+        - `.max_error`: largest error, in the unit of the output;
+        - `.max_ratio`: largest error in units of u * scale, where u is the unit roundoff (2^-53 for float64), and the
+          scale is the size of the terms that are added to form the output;
+        - `.bound`: the largest ratio that passes;
+        - `.worst_sample`: index of the sample with the largest ratio; for a robot, `.worst_part` is its link or
+          joint;
+        - `.samples`: number of compared samples.
 
     Raises:
-        ArgumentError: an argument that `pair.forward_kinematics` refuses.
+        ArgumentError: `forward_kinematics` of the pair or robot refuses an argument.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import numpy as np
@@ -137,21 +146,22 @@ def cross_validate_from_body1(
 ) -> CrossValidation:
     """Compute body 2 from the motion of body 1 by the equations and by Pinocchio; return a report on the comparison.
 
-    As `cross_validate`, but with the attitude of body 1 given. Pinocchio takes it as a quaternion, so S must be a
-    rotation to round-off (`project_to_rotation`) for the two to agree.
+    This function compares the same outputs as `cross_validate`, but takes the attitude of body 1 as a matrix instead
+    of Euler angles. Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a
+    rotation to within rounding errors; `project_to_rotation` returns such a rotation.
 
     Args:
         pair: the pair.
-        body1: the motion of body 1; with v and omega where psid is given, with a and alpha where psidd is.
+        body1: motion of body 1: R and S; also v and omega if psid is given; also a and alpha if psidd is given.
         psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-        psid: its time derivative [rad/s].
-        psidd: its second time derivative [rad/s^2].
+        psid: first time derivative of psi [rad/s]; shape (...,).
+        psidd: second time derivative of psi [rad/s^2]; shape (...,); it needs psid.
 
     Returns:
-        A `CrossValidation`, as of `cross_validate`.
+        A `CrossValidation`, as described for `cross_validate`.
 
     Raises:
-        ArgumentError: an argument that `pair.forward_kinematics_from_body1` refuses.
+        ArgumentError: `pair.forward_kinematics_from_body1` refuses an argument.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import hingepair as hp

@@ -165,28 +165,34 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """Build the pair or robot as a model of Pinocchio; return the model with conversions of coordinates.
+    """Build a pair or a robot as a Pinocchio model; return the model with methods that convert coordinates.
 
-    A pair becomes a free-flyer, a revolute joint about n at u1, and a frame of body 2 at (C, -C u2), with C the
-    pair's `home`. Masses and limits are in the model where the pair has them. Without body1 or body2 the masses are
-    0, without limits the joint is unlimited. That is enough for kinematics; dynamics needs both bodies. Shapes are
-    not in the model (`to_urdf` writes them).
+    The model of a pair has a free-flyer for body 1, a revolute joint about n at u1, and a frame of body 2. Masses and
+    limits are in the model if the pair has them. If body1 or body2 is None, its mass in the model is 0; this is
+    enough for kinematics, but dynamics needs both bodies. Without limits, the joint of the model is not limited.
+    Shapes are not in the model (`to_urdf` writes them).
 
     Args:
-        pair: one pair, without leading axes; or a `Mechanism`.
+        pair: a single `HingePair` (u1, u2, n and home without leading axes), or a `Mechanism`.
 
     Returns:
-        A `PinocchioTwin` (hingepair.validation.pinocchio_twin): `.model`, `.data`, `.body2_frame` (the frame whose
-        placement is (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi,
-        psid)` its v, (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), `.motion(q, v, a)` the way
-        back, and `.body2(q, v, a)` body 2's motion by Pinocchio.
-        For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin): `.model` has all links and every joint
-        that moves, also those that follow others; `.configuration(q)`, `.velocity(q, qd)` and
-        `.acceleration(q, qd, qdd)` are Pinocchio's q, v and a.
+        For a pair, a `PinocchioTwin` (hingepair.validation.pinocchio_twin) with:
+
+        - `.model` and `.data` of Pinocchio, and `.body2_frame`, the index of the frame whose placement is (S2, R2);
+        - `.configuration(body1, psi)`: Pinocchio's q, shape (..., 8);
+        - `.velocity(body1, psi, psid)`: Pinocchio's v, shape (..., 7);
+        - `.acceleration(body1, psi, psid, psidd)`: Pinocchio's a, shape (..., 7);
+        - `.motion(q, v, a)`: body1, psi, psid and psidd, converted back from Pinocchio's q, v and a;
+        - `.body2(q, v, a)`: the motion of body 2 that Pinocchio computes.
+
+        For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin) with `.model`, which has all links and all
+        moving joints, mimic joints included, `.data`, and:
+
+        - `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`: Pinocchio's q, v and a.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
-        ShapeError: u1, u2, n or home differ from sample to sample.
+        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
 
     >>> import numpy as np
     >>> import hingepair as hp
