@@ -163,8 +163,8 @@ def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
 
 
 NAMED_FOR_CONTRIBUTORS = {
-    "plans/steps.py": ("BODY2_STEPS", "PLANAR_STEPS"),
-    "plans/plan.py": ("_SHAPE_BY_NAME", "SPATIAL_MOTION"),
+    "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
+    "plans/plan.py": ("_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION"),
     "pair/states.py": ("PairState",),
     "scenes/explain.py": ("_STEP_DESCRIPTIONS",),
     "equations/trees.py": ("slides",),

@@ -18,35 +18,38 @@ Two = tuple[Scalar, Scalar]
 
 
 def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
-    """Return the sine components of the angle between both hinge axes: h1 x h2 along f1 and along f2 (E5).
+    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2 (E5), where h1 = f1 x f2 and
+    h2 are the hinge axis in either body. Their norm is the sine of the angle between h1 and h2.
 
-    They are -f2 . h2 and f1 . h2; 0 where the axes are parallel.
+    The components are -f2 . h2 and f1 . h2; both are 0 if the axes are parallel.
     """
     return -eq.dot(f2, h2), eq.dot(f1, h2)
 
 
 def tilt_axes(f1: Vector, f2: Vector, h2: Vector) -> tuple[Vector, Vector]:
-    """Return the two axes whose inner products with omega2 - omega1 are the time derivative of `tilt`.
+    """Return the pair of vectors (f2 x h2, h2 x f1). Their inner products with omega2 - omega1 are the time
+    derivatives of the two components of `tilt`.
 
-    They are f1 and f2 themselves where the hinge is not tilted.
+    The vectors are f1 and f2 if the hinge is not tilted.
     """
     return eq.cross(f2, h2), eq.cross(h2, f1)
 
 
 def relative_rate(body1_rate: Vector, body2_rate: Vector) -> Vector:
-    """Return the difference of both bodies' angular velocities (omega2 - omega1), or angular accelerations."""
+    """Return body2_rate - body1_rate, for angular velocities (omega2 - omega1) or angular accelerations."""
     return eq.subtract(body2_rate, body1_rate)
 
 
 def tilt_rate(tilt_axes: tuple[Vector, Vector], relative_omega: Vector) -> Two:
-    """Return the time derivative of `tilt` (E2), from `tilt_axes` and omega2 - omega1."""
+    """Return the time derivative of `tilt`, two numbers (E2), from `tilt_axes` and omega2 - omega1."""
     return eq.dot(tilt_axes[0], relative_omega), eq.dot(tilt_axes[1], relative_omega)
 
 
 def tilt_bias(
     f_axes: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, relative_omega: Vector
 ) -> Two:
-    """Return the second derivative of `tilt` where both angular accelerations are 0; f_axes = (f1, f2).
+    """Return the second time derivative of `tilt`, two numbers, for zero angular accelerations of both bodies, where
+    f_axes = (f1, f2).
 
     It is c' . (omega2 - omega1), with the axes c of `tilt_axes`.
     """
@@ -57,12 +60,16 @@ def tilt_bias(
 
 
 def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, bias: Two) -> Two:
-    """Return the second time derivative of `tilt` (E2), from alpha2 - alpha1 and the result of `tilt_bias`."""
+    """Return the second time derivative of `tilt`, two numbers (E2), from alpha2 - alpha1 and the result of
+    `tilt_bias`.
+    """
     return eq.dot(tilt_axes[0], relative_alpha) + bias[0], eq.dot(tilt_axes[1], relative_alpha) + bias[1]
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return the residual of E2 where psi' is known: omega2 - omega1 - h2 psi', with h2 = S2 C^T n."""
+    """Return the residual of E2 for a known psi': the vector omega2 - omega1 - h2 psi', where h2 = S2 C^T n is the
+    hinge axis in body 2, world axes.
+    """
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 
 
@@ -72,17 +79,23 @@ def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector,
 
 
 def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceleration: Vector) -> Vector:
-    """Return the second time derivative of the residual of E1, from a_i of R_i and the accelerations r_i''."""
+    """Return the second time derivative of the residual of E1, from a1 and a2 and the second time derivatives of r1
+    and r2.
+    """
     return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the second time derivative of the residual of E1 where all accelerations of the bodies are 0."""
+    """Return the second time derivative of the residual of E1 for zero linear and angular accelerations of both
+    bodies.
+    """
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the derivative of the rates of gap (E1) and tilt by (v1, omega1, v2, omega2), 5 x 12, row by row."""
+    """Return the Jacobian of the rates of gap (E1) and tilt with respect to (v1, omega1, v2, omega2): a 5 x 12 matrix
+    as a flat tuple row by row.
+    """
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
         (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])
@@ -94,7 +107,8 @@ def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]
 
 
 def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
-    """Return (sin psi, cos psi) times a common positive factor, from the frames of the hinge in both bodies.
+    """Return the pair (sin psi, cos psi) times a common positive factor. f_axes = (f1, f2) are two axes across the
+    hinge axis in body 1, and g1, g2 the corresponding axes in body 2.
 
     From Sh = S1^T S2 C^-1 (E5, E6). The factor is 1 + h1 . h2, which is 2 unless the hinge is tilted.
     Of a tilted hinge, psi is the twist about the axis.
@@ -104,7 +118,9 @@ def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> 
 
 
 def hinge_rate(h1: Vector, h2: Vector, relative_omega: Vector) -> Two:
-    """Return numerator and denominator of psi', also of tilted hinges: (omega2 - omega1) . (h1 + h2), 1 + h1 . h2."""
+    """Return psi' as a pair of numerator and denominator, ((omega2 - omega1) . (h1 + h2), 1 + h1 . h2), which holds
+    for tilted hinges too.
+    """
     return eq.dot(relative_omega, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
 
@@ -115,7 +131,9 @@ def hinge_acceleration(
     relative_alpha: Vector,
     psid: Scalar,
 ) -> Two:
-    """Return numerator and denominator of psi'', the time derivative of `hinge_rate`, as a pair."""
+    """Return psi'' as a pair of numerator and denominator, from h_axes = (h1, h2) and omegas = (omega1, omega2). It
+    is the time derivative of the quotient of `hinge_rate`.
+    """
     h1, h2 = h_axes
     middle_rate = eq.add(eq.cross(omegas[0], h1), eq.cross(omegas[1], h2))
     numerator = eq.dot(relative_alpha, eq.add(h1, h2)) + eq.dot(relative_omega, middle_rate)

@@ -19,15 +19,16 @@ WORLD_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def matrix_from_columns(*columns: Entries) -> Entries:
-    """Return the entries of a matrix, row by row in one tuple, from its columns."""
+    """Return the entries of a matrix, given by its columns, as a flat tuple row by row."""
     return tuple(entry for row in zip(*columns, strict=True) for entry in row)
 
 
 def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
-    """Return the derivative of (v2, omega2) by v1, rates of rotation about turn_axes, and psi', 6 x 7, row by row.
+    """Return the Jacobian of (v2, omega2) with respect to v1, the rates of body 1's rotations about three turn_axes,
+    and psi': a 6 x 7 matrix as a flat tuple row by row. `axis` is S1 n.
 
-    By omega1 itself where turn_axes are the world's axes (E8, E2): v2 = v1 + omega1 x d + (r2 x S1 n) psi' and
-    omega2 = omega1 + S1 n psi'; d = r1 - r2, axis = S1 n.
+    Where turn_axes are the world's axes, the three rates are omega1 (E8, E2): v2 = v1 + omega1 x d + (r2 x S1 n) psi'
+    and omega2 = omega1 + S1 n psi', with d = r1 - r2.
     """
     moved = [(*unit, *ZERO_VECTOR) for unit in WORLD_AXES]
     turned = [(*eq.cross(turn, d), *turn) for turn in turn_axes]
@@ -42,7 +43,9 @@ def difference_rate(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> V
 def jacobian_rate(
     turn_axes: Axes, turn_axis_rates: Axes, d_and_rate: tuple[Vector, Vector], r2: Vector, omegas_and_axis: Axes
 ) -> Entries:
-    """Return the time derivative of `jacobian`; omegas_and_axis = (omega1, omega2, S1 n), d_and_rate = (d, d')."""
+    """Return the time derivative of `jacobian`, a 6 x 7 matrix as a flat tuple row by row, where d_and_rate = (d, d')
+    and omegas_and_axis = (omega1, omega2, S1 n).
+    """
     omega1, omega2, axis = omegas_and_axis
     axis_rate = eq.cross(omega1, axis)
     lever_rate = eq.add(eq.cross(eq.cross(omega2, r2), axis), eq.cross(r2, axis_rate))
@@ -55,13 +58,16 @@ def jacobian_rate(
 
 
 def projection_across(n: Vector) -> Axes:
-    """Return the columns of I - n n^T, which projects a change of n to one that keeps n at unit length."""
+    """Return the three columns of I - n n^T, which projects a change of n to a change that keeps the length of n at
+    1.
+    """
     x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD_AXES, n, strict=True))
     return x, y, z
 
 
 def turns_by_n(S1: Matrix, n: Vector, hinge_trig: HingeTrig) -> Axes:
-    """Return the rotation vectors of body 2, world axes, for a unit change of each component of n (E6).
+    """Return three rotation vectors of body 2, world axes: the derivatives of its attitude with respect to the
+    components of n (E6), where hinge_trig = (sin psi, 1 - cos psi).
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge_trig = (sin psi, 1 - cos psi).
     """
@@ -74,23 +80,31 @@ def turns_by_n(S1: Matrix, n: Vector, hinge_trig: HingeTrig) -> Axes:
 
 
 def attitude_by_turns(turns: Axes, S2: Matrix) -> Entries:
-    """Return the derivatives of S2 by three quantities that turn body 2 by `turns`: [turn]x S2, 9 x 3."""
+    """Return the derivatives of S2 with respect to three quantities that rotate body 2 by the rotation vectors
+    `turns`: [turn]x S2, 9 x 3, as a flat tuple row by row.
+    """
     return matrix_from_columns(*(eq.compose(eq.skew(turn), S2) for turn in turns))
 
 
 def difference_by_turns(turns: Axes, r2: Vector) -> Entries:
-    """Return the derivatives of d = r1 - r2 by three quantities that turn body 2 by `turns`: r2 x turn, 3 x 3."""
+    """Return the derivatives of d = r1 - r2 with respect to three quantities that rotate body 2 by the rotation
+    vectors `turns`: r2 x turn, 3 x 3, as a flat tuple row by row.
+    """
     return matrix_from_columns(*(eq.cross(r2, turn) for turn in turns))
 
 
 def spins_by_n(S1: Matrix, n: Vector, psid: Scalar) -> Axes:
-    """Return the derivative of omega2 by n (E2): the columns of S1 (I - n n^T) psi'."""
+    """Return the derivatives of omega2 with respect to the components of n (E2): the three columns of S1 (I - n n^T)
+    psi'.
+    """
     x, y, z = (eq.scale(eq.rotate(S1, part), psid) for part in projection_across(n))
     return x, y, z
 
 
 def velocity_by_n(omega2_by_n: Axes, turns: Axes, omega2: Vector, r2: Vector) -> Entries:
-    """Return the derivative of v2 by n, 3 x 3 (E8), from those of omega2 and of body 2's rotation vector."""
+    """Return the derivative of v2 with respect to n (E8), a 3 x 3 matrix as a flat tuple row by row. omega2_by_n are
+    the derivatives of omega2, and `turns` the rotation vectors of body 2, for each component of n.
+    """
     return matrix_from_columns(
         *(
             eq.add(eq.cross(r2, spin), eq.cross(omega2, eq.cross(r2, turn)))
@@ -100,7 +114,7 @@ def velocity_by_n(omega2_by_n: Axes, turns: Axes, omega2: Vector, r2: Vector) ->
 
 
 def velocity_by_psi(omega2: Vector, r2: Vector, axis: Vector) -> Vector:
-    """Return the derivative of v2 by psi (E8): omega2 x (r2 x S1 n); axis = S1 n."""
+    """Return the derivative of v2 with respect to psi (E8): omega2 x (r2 x S1 n), where axis = S1 n."""
     return eq.cross(omega2, eq.cross(r2, axis))
 
 

@@ -36,12 +36,16 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return m (a_c - g), the total force on a body whose centre of mass is at r from the point moved by a (D1)."""
+    """Return m (a_c - g), the total force on a body without gravity (D1). The centre of mass is at r from the point
+    with the acceleration a, and `g` is the acceleration of gravity.
+    """
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """Return the torque about the centre of mass for omega and alpha of a body (D2); inertia in body axes."""
+    """Return the torque about the centre of mass, world axes, that gives a body its omega and alpha (D2). `inertia`
+    is in body axes; omega and alpha are in world axes.
+    """
     to_body = transpose(S)
     body_omega = rotate(to_body, omega)
     body_momentum = rotate(inertia, body_omega)
@@ -49,15 +53,16 @@ def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) ->
 
 
 def torque_about(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return a torque about a point, from that about another point that lies at `lever` from it (D3, D5).
-
-    The force acts at the other point: lever x force is added.
+    """Return torque + lever x force: the torque about a point, from the torque about the point at `lever` from it,
+    where the force acts (D3, D5).
     """
     return add(torque, cross(lever, force))
 
 
 def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return a torque about the point at `lever`, from that about the origin of `lever`, where the force acts."""
+    """Return torque - lever x force: the torque about the point at `lever`, from the torque about the origin of
+    `lever`, where the force acts.
+    """
     return subtract(torque, cross(lever, force))
 
 
@@ -67,7 +72,7 @@ def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
 
 
 def point_mass_inertia(mass: Scalar, r: Vector) -> Matrix:
-    """Return the inertia matrix -m [r]x [r]x of a point mass at r, about the point from which r leads."""
+    """Return the inertia matrix -m [r]x [r]x of a point mass at r, about the origin of r."""
     x, y, z = r
     xx, yy, zz = mass * (x * x), mass * (y * y), mass * (z * z)
     xy, yz, zx = -(mass * (x * y)), -(mass * (y * z)), -(mass * (z * x))
@@ -87,12 +92,12 @@ PairInertia: TypeAlias = tuple[Matrix, Vector, Scalar]
 def pair_inertia(
     J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
 ) -> PairInertia:
-    """Return a tuple, the inertia of a pair about a point: J plus a mass at `lever`, coupling, and that of psi''.
+    """Return the inertia of a pair about a point as a tuple: the matrix for alpha1, the vector that couples alpha1
+    and psi'', and the number for psi''. It is that of J, J2 and a mass at `lever`, which psi' = 1 moves with
+    partial_velocity.
 
-    The coupling is the inertia between alpha1 and psi''.
-
-    About R1, that is body 2's mass at e, J with body 1's at r1; about the common centre, where no term cancels, the
-    reduced mass m1 m2 / (m1 + m2) at e - r1.
+    About R1, the mass is body 2's mass at e, and J includes body 1's mass at r1. About the common centre, where no
+    term cancels, the mass is the reduced mass m1 m2 / (m1 + m2) at e - r1.
     """
     momentum, axis_inertia = scale(partial_velocity, mass), rotate(J2, axis)
     return (
@@ -105,7 +110,9 @@ def pair_inertia(
 def mass_matrix(
     m1: Scalar, m2: Scalar, r1: Vector, e: Vector, partial_velocity2: Vector, inertia_about_R1: PairInertia
 ) -> Entries:
-    """Return M of D6, 7 x 7, row by row; partial_velocity2 is the velocity of body 2's centre for psi' = 1."""
+    """Return the mass matrix M of D6, 7 x 7, as a flat tuple row by row. The centres of mass are at r1 and e from R1;
+    partial_velocity2 is the velocity of body 2's centre of mass for psi' = 1.
+    """
     zero = 0 * m1
     total = m1 + m2
     x, y, z = add(scale(r1, m1), scale(e, m2))
@@ -125,9 +132,8 @@ def mass_matrix(
 def angular_accelerations(
     inertia: PairInertia, J2: Matrix, torque: Vector, hinge_torque: Scalar
 ) -> tuple[Vector, Scalar, Entries]:
-    """Return alpha1, psi'' and 4 pivots over their diagonal entries, from the torques about a point (D6).
-
-    A ratio near 0 says that the inertia is singular.
+    """Return (alpha1, psi'', pivot ratios) from the torques about a point (D6). The four pivot ratios compare each
+    pivot with its diagonal entry; a ratio near 0 means that the inertia is singular.
 
     The matrix is 4 x 4, symmetric and positive definite; it is factored as L D L^T.
     """
@@ -140,9 +146,8 @@ def angular_accelerations(
 
 
 def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
-    """Solve A x = b by L D L^T, A symmetric positive definite; return x and the pivots D.
-
-    A is given by its entries on and below the diagonal, row by row.
+    """Solve A x = b by L D L^T, and return the tuple x and the tuple of pivots D. A is symmetric and positive
+    definite, given by the entries on and below its diagonal, row by row.
     """
     size = len(b)
     lower: list[list[Scalar]] = []
@@ -170,7 +175,9 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
-    """Return T of one body (D7). velocity is that of its centre of mass; omega and inertia have the same axes."""
+    """Return the kinetic energy of one body (D7). `velocity` is that of the centre of mass; omega and inertia are in
+    common axes.
+    """
     return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
 
 
@@ -180,17 +187,23 @@ def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
 
 
 def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
-    """Return L of one body about the origin (D8). R and velocity are those of its centre of mass, world axes."""
+    """Return the angular momentum of one body about the origin (D8). R and velocity are those of the centre of mass,
+    world axes.
+    """
     return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """Return the hinge torque of a force and torque on body 2: their part about the hinge axis; r2 = S2 u2 (D4)."""
+    """Return the hinge torque that corresponds to a force and a torque on body 2: their moment about the hinge axis,
+    where r2 = S2 u2 (D4).
+    """
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
 def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
-    """Return U of both bodies (D7); centre1 and centre2 are their centres of mass from the origin."""
+    """Return the potential energy of both bodies (D7), where centre1 and centre2 are the positions of the centres of
+    mass.
+    """
     return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
 
 
@@ -200,7 +213,9 @@ def linear_momentum(m1: Scalar, v_centre1: Vector, m2: Scalar, v_centre2: Vector
 
 
 def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
-    """Return S turned by 2 atan(|g| / 2) about the world vector g (Cayley's map); small g are rotation vectors."""
+    """Return S rotated by the angle 2 atan(|g| / 2) about the world vector g (Cayley's map). For small g, g is the
+    rotation vector.
+    """
     x, y, z = scale(g, 0.5)
     factor = 2 / (1 + (x * x + y * y + z * z))
     sx, sy, sz = factor * x, factor * y, factor * z
@@ -213,19 +228,25 @@ def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
 
 
 def cayley_rate(g: Vector, omega: Vector) -> Vector:
-    """Return the rate of g for which `cayley_attitude(g, S)` turns with the angular velocity omega, world axes."""
+    """Return the time derivative of g with which `cayley_attitude(g, S)` rotates with the angular velocity omega,
+    world axes.
+    """
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
 
 
 def omega1_from_momentum(inertia: PairInertia, momentum: Vector, psid: Scalar) -> Vector:
-    """Return omega1 from the angular momentum about a point and the inertia about that point (D8 solved)."""
+    """Return omega1 from psi' and the angular momentum of a pair about a point (D8 solved for omega1). `inertia` is
+    the result of `pair_inertia` about that point.
+    """
     J, coupling, _ = inertia
     (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(coupling, psid)))
     return x, y, z
 
 
 def pair_angular_momentum(inertia: PairInertia, omega1: Vector, psid: Scalar) -> Vector:
-    """Return the angular momentum of a pair about a point that rests, or moves with the common centre (D8)."""
+    """Return the angular momentum of a pair about a point that is at rest or moves with the common centre of mass
+    (D8). `inertia` is the result of `pair_inertia` about that point.
+    """
     J, coupling, _ = inertia
     return add(rotate(J, omega1), scale(coupling, psid))
 
@@ -233,8 +254,8 @@ def pair_angular_momentum(inertia: PairInertia, omega1: Vector, psid: Scalar) ->
 def reference_point_rate(
     centre_rate: Vector, body1_turn: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
 ) -> Vector:
-    """Return v1, or a1 without centripetal terms, from the rate of the common centre of mass, `centre` from R1.
-
-    psid_fraction is psi', or psi'', times the mass of body 2 over that of both.
+    """Return v1 from the velocity of the common centre of mass, or a1 without centripetal terms from its
+    acceleration. body1_turn is omega1 or alpha1, centre is the vector from R1 to the centre of mass, and
+    psid_fraction is psi' or psi'' times m2 / (m1 + m2).
     """
     return subtract(centre_rate, add(cross(body1_turn, centre), scale(partial_velocity2, psid_fraction)))

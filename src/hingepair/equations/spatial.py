@@ -54,7 +54,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def rotate(S: Matrix, u: Vector) -> Vector:
-    """Return the product S u: a body vector in world axes."""
+    """Return the product S u, for example a vector of body axes in world axes. S is a tuple of nine entries."""
     a, b, c, d, e, f, g, h, i = S
     x, y, z = u
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
@@ -66,7 +66,7 @@ def transpose(A: Matrix) -> Matrix:
 
 
 def compose(A: Matrix, B: Matrix) -> Matrix:
-    """Return the product A B of two matrices."""
+    """Return the product A B of two 3 x 3 matrices, each a tuple of nine entries."""
     a, b, c, d, e, f, g, h, i = A
     j, k, l, m, n, o, p, q, r = B  # noqa: E741
     return (
@@ -77,7 +77,7 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
 
 
 def hinge_rotation(n: Vector, hinge_trig: HingeTrig) -> Matrix:
-    """Return Rodrigues' rotation Sh about the unit axis n (E6); hinge_trig = (sin psi, 1 - cos psi)."""
+    """Return Rodrigues' rotation matrix Sh about the unit axis n (E6), where hinge_trig = (sin psi, 1 - cos psi)."""
     s, k = hinge_trig[0], hinge_trig[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
@@ -96,17 +96,20 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
 
 
 def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
-    """Return the cosine of psi; hinge_trig = (sin psi, 1 - cos psi)."""
+    """Return cos psi from hinge_trig = (sin psi, 1 - cos psi)."""
     return 1 - hinge_trig[1]
 
 
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that psi does not move, body-1 axes: u1 less the axial part of C u2."""
+    """Return the part of u1 - Sh C u2 that does not depend on psi, body-1 axes: u1 less the axial part of arm =
+    C u2.
+    """
     return subtract(u1, subtract(arm, lever_cos))
 
 
 def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
     """Return the part of Sh C u2 that depends on psi, body-1 axes (E6): lever_cos cos(psi) + lever_sin sin(psi).
+    `cosine` is cos psi, and hinge_trig = (sin psi, 1 - cos psi).
 
     lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
     hinge_trig = (sin psi, 1 - cos psi).
@@ -115,12 +118,16 @@ def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, co
 
 
 def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
-    """Return d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and rotated once (E5, E7)."""
+    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) (E5, E7). The subtraction in body-1 axes precedes
+    the rotation.
+    """
     return rotate(S1, subtract(lever_fixed, lever_moving))
 
 
 def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 by psi, world axes; the arguments are those of `lever_moving`."""
+    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, world axes. The arguments after S1 are those
+    of `lever_moving`.
+    """
     return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
 
 
@@ -130,12 +137,12 @@ def position2(R1: Vector, d: Vector) -> Vector:
 
 
 def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
-    """Return omega2 = omega1 + S1 n psi' (E2); axis = S1 n."""
+    """Return omega2 = omega1 + S1 n psi' (E2), where axis = S1 n."""
     return add(omega1, scale(axis, psid))
 
 
 def velocity2(v1: Vector, omega1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar) -> Vector:
-    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3); lever_by_psi = S1 n x S2 u2."""
+    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3), where lever_by_psi = S1 n x S2 u2."""
     return add(v1, subtract(cross(omega1, d), scale(lever_by_psi, psid)))
 
 
@@ -145,12 +152,15 @@ def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Sc
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Return the acceleration alpha x r + omega x (omega x r) of a body's point relative to its reference point."""
+    """Return alpha x r + omega x (omega x r), the acceleration of a point of a body relative to the body's reference
+    point.
+    """
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
 def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return the part of a2 that psi' and psi'' alone make: centripetal psi'^2 - lever_by_psi psi''.
+    """Return the terms of a2 that depend on psi' and psi'' only: centripetal psi'^2 - lever_by_psi psi'', where
+    centripetal = lever_by_psi x S1 n.
 
     centripetal = S1 lever_moving = lever_by_psi x S1 n, which points away from the axis.
     psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
@@ -161,7 +171,8 @@ def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scala
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """Return a2, where relative is that of `relative_acceleration` (E9).
+    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9). `relative` is the
+    result of `relative_acceleration`.
 
     a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative.
     """
@@ -171,7 +182,7 @@ def acceleration2(
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
-    """Return the residual of E1: R1 + S1 u1 - (R2 + S2 u2), zero when both bodies share the hinge point."""
+    """Return the residual of E1, the vector R1 + r1 - (R2 + r2). It is zero if both bodies share the hinge point."""
     return subtract(add(R1, r1), add(R2, r2))
 
 
@@ -187,12 +198,12 @@ def unskew(W: Matrix) -> Vector:
 
 
 def angular_velocity_matrix(S: Matrix, S_dot: Matrix) -> Matrix:
-    """Return [omega]x = S' S^T (E3), a matrix, from a rotation and its time derivative."""
+    """Return the matrix [omega]x = S' S^T (E3) from a rotation S and its time derivative S_dot."""
     return compose(S_dot, transpose(S))
 
 
 def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix of the unit quaternion (w, x, y, z)."""
+    """Return the rotation matrix, as nine entries, of the unit quaternion (w, x, y, z)."""
     w, x, y, z = quat
     w2, x2, y2, z2 = 2 * w, 2 * x, 2 * y, 2 * z
     return (
@@ -203,14 +214,16 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
 
 
 def orthonormality_terms(S: Matrix) -> tuple[Scalar, ...]:
-    """Return the six different elements of S S^T - I, and then the determinant of S, in one tuple."""
+    """Return a tuple of seven numbers: the six different entries of S S^T - I, then the determinant of S."""
     x, y, z = S[0:3], S[3:6], S[6:9]
     lengths = (dot(row, row) - 1.0 for row in (x, y, z))
     return *lengths, dot(x, y), dot(y, z), dot(z, x), dot(x, cross(y, z))
 
 
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix Sx Sy Sz (E10); trig = (sin, cos) of the first, second and third angle."""
+    """Return the rotation matrix Sx Sy Sz (E10), where trig = (sin, cos) of the first, second and third angle: six
+    numbers.
+    """
     sx, cx, sy, cy, sz, cz = trig
     ss, cs = sx * sy, cx * sy
     return (
@@ -221,7 +234,9 @@ def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix Sx Sy Sx of proper Euler angles; trig = (sin, cos) of all three angles."""
+    """Return the rotation matrix Sx Sy Sx of proper Euler angles, where trig = (sin, cos) of the first, second and
+    third angle: six numbers.
+    """
     sx, cx, sy, cy, sz, cz = trig
     sc, cc = sx * cy, cx * cy
     return (
@@ -232,30 +247,37 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return the columns of J, (e_x, b, c), of Sx Sy Sz (E4), as (b_y, b_z, c_x, c_y, c_z), where b_x is 0."""
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries of the columns (e_x, b, c) of J for Sx Sy Sz (E4) that are not
+    constant.
+    """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return the columns of J, (e_x, b, c), of Sx Sy Sx (E4), as `tait_bryan_axes` does."""
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries of the columns (e_x, b, c) of J for Sx Sy Sx (E4) that are not
+    constant.
+    """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)
 
 
 def angular_velocity1(axis_components: tuple[Scalar, ...], phid: Vector) -> Vector:
-    """Return omega1 = J phi' (E4); axis_components of J as `tait_bryan_axes` returns them."""
+    """Return omega1 = J phi' (E4). axis_components is the result of `tait_bryan_axes` or `proper_euler_axes`."""
     by, bz, cx, cy, cz = axis_components
     return phid[0] + cx * phid[2], by * phid[1] + cy * phid[2], bz * phid[1] + cz * phid[2]
 
 
 def scaled_third_rate(axis_components: tuple[Scalar, ...], omega: Vector) -> Scalar:
-    """Return phi_z' times cos phi_y, or times -sin phi_y in proper sequences: omega across e_x and b (E4)."""
+    """Return phi_z' times cos phi_y, or in proper Euler sequences phi_z' times -sin phi_y: the component of omega
+    along e_x x b (E4).
+    """
     return axis_components[0] * omega[2] - axis_components[1] * omega[1]
 
 
 def euler_rates1(axis_components: tuple[Scalar, ...], omega: Vector, third_rate: Scalar) -> Vector:
-    """Return the Euler-angle rates phi' = J^-1 omega (E4), of which the third is known.
+    """Return the Euler-angle rates phi' = J^-1 omega (E4) if the third rate is known. axis_components is the result
+    of `tait_bryan_axes` or `proper_euler_axes`.
 
     The axis b gives phi_y', the rest gives phi_x'.
     """
@@ -267,7 +289,8 @@ def euler_rates1(axis_components: tuple[Scalar, ...], omega: Vector, third_rate:
 
 
 def angular_acceleration1(axis_components: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
-    """Return alpha1 = J phi'' + J' phi' (E4 differentiated); axis_components as of `tait_bryan_axes`.
+    """Return alpha1 = J phi'' + J' phi' (E4 differentiated). axis_components is the result of `tait_bryan_axes` or
+    `proper_euler_axes`.
 
     The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b, so
     J' phi' = (phi_x' e_x) x b phi_y' + (phi_x' e_x + phi_y' b) x c phi_z'.
@@ -280,13 +303,16 @@ def angular_acceleration1(axis_components: tuple[Scalar, ...], phid: Vector, phi
 
 
 def euler_axes(axis_components: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of J as three vectors (E4), the axes of the three angles, from `tait_bryan_axes`."""
+    """Return the columns of J (E4), the axes of the three Euler angles, as three vectors. axis_components is the
+    result of `tait_bryan_axes` or `proper_euler_axes`.
+    """
     by, bz, cx, cy, cz = axis_components
     return (1.0, 0.0, 0.0), (0.0, by, bz), (cx, cy, cz)
 
 
 def euler_axes_rates(axis_components: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of J', the time derivatives of `euler_axes`, as three vectors (E4 differentiated).
+    """Return the columns of J', the time derivatives of `euler_axes`, as three vectors. axis_components is the result
+    of `tait_bryan_axes` or `proper_euler_axes`.
 
     The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b.
     """

@@ -55,7 +55,8 @@ Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
 
 class Link(NamedTuple):
-    """A joint and the body that it moves; joints are numbered from 1 on in the order of the links.
+    """A joint, the body that it moves and the motor's rotor: number of the parent body, geometry and mass properties.
+    Joint k and its body have the number k, from 1 on.
 
     Attributes:
         parent: number of the body that carries it.
@@ -79,7 +80,9 @@ class Link(NamedTuple):
 
 
 class Base(NamedTuple):
-    """The base of a tree: its mass m, first moment h and second moment N about its reference point, own axes."""
+    """The base of a tree (body 0): its mass m, first moment h and second moment N about its reference point, in the
+    base's axes.
+    """
 
     mass: Scalar
     first: Vector
@@ -87,9 +90,8 @@ class Base(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Pose of a joint's body in its parent: rotation S Sz(q) and position r; turn is (sin q, cos q) of a hinge.
-
-    turn is None of a slider.
+    """Pose of a joint's body in its parent: the rotation is S Sz(q), and r is the position of the reference point.
+    `turn` is (sin q, cos q) for a hinge and None for a slider.
     """
 
     S: Matrix
@@ -101,19 +103,19 @@ class Placement(NamedTuple):
 
 
 def turned(turn: Turn, v: Vector) -> Vector:
-    """Return Sz(q) v, a vector turned about z; turn = (sin q, cos q)."""
+    """Return Sz(q) v, the vector v rotated about z by q, where turn = (sin q, cos q)."""
     s, c = turn
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
 def turned_back(turn: Turn, v: Vector) -> Vector:
-    """Return Sz(q)^T v, a vector turned back about z; turn = (sin q, cos q)."""
+    """Return Sz(q)^T v, the vector v rotated about z by -q, where turn = (sin q, cos q)."""
     s, c = turn
     return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
 
 
 def turned_columns(A: Matrix, turn: Turn) -> Matrix:
-    """Return the matrix product A Sz(q); turn = (sin q, cos q)."""
+    """Return the matrix product A Sz(q), where turn = (sin q, cos q)."""
     s, c = turn
     return (
         c * A[0] + s * A[1], c * A[1] - s * A[0], A[2],
@@ -122,21 +124,23 @@ def turned_columns(A: Matrix, turn: Turn) -> Matrix:
     )  # fmt: skip
 
 
-def to_parent(place: Placement, v: Vector) -> Vector:
-    """Return Q v, a vector of the body in its parent's axes."""
-    return rotate(place.S, v if place.turn is None else turned(place.turn, v))
+def to_parent(placement: Placement, v: Vector) -> Vector:
+    """Return Q v: a vector in the axes of a joint's body, converted to the axes of the parent."""
+    return rotate(placement.S, v if placement.turn is None else turned(placement.turn, v))
 
 
-def to_child(place: Placement, v: Vector) -> Vector:
-    """Return Q^T v, a vector of the parent in the body's axes."""
-    back = rotate(transpose(place.S), v)
-    return back if place.turn is None else turned_back(place.turn, back)
+def to_child(placement: Placement, v: Vector) -> Vector:
+    """Return Q^T v: a vector in the axes of the parent, converted to the axes of the joint's body."""
+    back = rotate(transpose(placement.S), v)
+    return back if placement.turn is None else turned_back(placement.turn, back)
 
 
 def joint_placements(
     links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
 ) -> list[Placement]:
-    """Return the pose of every joint's body in its parent, from (sin q, cos q) of hinges and q of sliders."""
+    """Return a list of the placements of all joints: the pose of each joint's body in its parent. `turns` holds (sin
+    q, cos q) of hinges, `shifts` holds q of sliders.
+    """
     return [
         Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
         for link, turn, shift in zip(links, turns, shifts, strict=True)
@@ -147,7 +151,9 @@ def joint_placements(
 
 
 class Pose(NamedTuple):
-    """Pose of a body: attitude S, its reference point d from that of the base, and arm from that of its parent."""
+    """Pose of a body in world axes: attitude S, vector d from the base's reference point to that of the body, and
+    vector arm from the parent's reference point to that of the body.
+    """
 
     S: Matrix
     d: Vector
@@ -160,7 +166,9 @@ def axis_of(pose: Pose) -> Vector:
 
 
 def poses(links: Sequence[Link], placements: Sequence[Placement], S1: Matrix) -> list[Pose]:
-    """Return the pose of every body, the base first, from the placements of the joints (E5, E7 with u2 = 0)."""
+    """Return a list of the poses of all bodies, the base first, from the placements of the joints and the attitude S1
+    of the base (E5, E7 with u2 = 0).
+    """
     bodies = [Pose(S1, ZERO_VECTOR, ZERO_VECTOR)]
     for link, joint in zip(links, placements, strict=True):
         p = bodies[link.parent]
@@ -177,7 +185,9 @@ Rates: TypeAlias = tuple[Vector, Vector]
 def body_velocities(
     links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_rates: Rates
 ) -> list[Rates]:
-    """Return (v, omega) of every body, world axes, the base first; base_rates are those of the base (E2, E8)."""
+    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). base_rates is (v, omega) of the
+    base.
+    """
     velocities = [base_rates]
     for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
         v, omega = velocities[link.parent]
@@ -193,10 +203,12 @@ def body_accelerations(
     qd: Sequence[Scalar],
     qdd: Sequence[Scalar],
     velocities: Sequence[Rates],
-    base_changes: Rates,
+    base_accelerations: Rates,
 ) -> list[Rates]:
-    """Return (a, alpha) of every body, classical, world axes, the base first; base_changes are its own (E9)."""
-    changes = [base_changes]
+    """Return a list of (a, alpha) of all bodies, world axes, the base first (E9); a is the classical acceleration.
+    base_accelerations is (a, alpha) of the base.
+    """
+    changes = [base_accelerations]
     for link, body, rate, rate_change in zip(links, body_poses[1:], qd, qdd, strict=True):
         (a, alpha), omega = changes[link.parent], velocities[link.parent][1]
         a = add(a, point_acceleration(omega, alpha, body.arm))
@@ -211,25 +223,27 @@ def body_accelerations(
 
 
 def frame_pose(body: Pose, R: Vector, S: Matrix) -> Pose:
-    """Return the pose of a frame that is fixed in a body at R with the axes S (E7)."""
+    """Return the pose of a frame that is fixed in a body, at the position R and with the axes S, both in body axes
+    (E7).
+    """
     arm = rotate(body.S, R)
     return Pose(compose(body.S, S), add(body.d, arm), arm)
 
 
 def frame_velocity(frame: Pose, body: Rates) -> Rates:
-    """Return (v, omega) of a frame (E8)."""
+    """Return (v, omega) of a frame from its pose and (v, omega) of its body, world axes (E8)."""
     v, omega = body
     return add(v, cross(omega, frame.arm)), omega
 
 
 def frame_acceleration(frame: Pose, omega: Vector, body: Rates) -> Rates:
-    """Return (a, alpha) of a frame (E9)."""
+    """Return (a, alpha) of a frame from its pose, and from omega and (a, alpha) of its body, world axes (E9)."""
     a, alpha = body
     return add(a, point_acceleration(omega, alpha, frame.arm)), alpha
 
 
 def joints_to_base(links: Sequence[Link], body: int) -> set[int]:
-    """Return the set of the numbers of the joints between a body, given by number, and the base."""
+    """Return the set of the numbers of the joints on the path from the body with this number to the base."""
     numbers = set()
     while body:
         numbers.add(body)
@@ -240,7 +254,9 @@ def joints_to_base(links: Sequence[Link], body: int) -> set[int]:
 def point_jacobian_columns(
     links: Sequence[Link], body_poses: Sequence[Pose], body: int, d: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """Return (v, omega) of a point of a body for q' = 1 of each joint; d leads to it from the base's R1 (E2, E8)."""
+    """Return a list with (v, omega), for q' = 1 of each joint alone, of a point that is fixed in the body with this
+    number. The vector d leads from R1 of the base to the point (E2, E8).
+    """
     on_path = joints_to_base(links, body)
     columns = []
     for number, link in enumerate(links, 1):
@@ -255,7 +271,9 @@ def point_jacobian_columns(
 
 
 def base_jacobian_columns(d: Vector) -> list[tuple[Vector, Vector]]:
-    """Return the six (v, omega) of a point at d from R1 for v1 and omega1 of the base along each axis (E8)."""
+    """Return a list of six pairs (v, omega) of a point at d from R1 of the base, for unit v1 and unit omega1 of the
+    base along each world axis (E8).
+    """
     x, y, z = d
     units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     turning = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
@@ -283,7 +301,7 @@ def inertia_from_moment(second: Symmetric) -> Symmetric:
 
 
 def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
-    """Return S A S^T, a symmetric matrix A in other axes, as its six entries."""
+    """Return S A S^T, the symmetric matrix A converted to other axes, as six entries."""
     T = compose(S, full_matrix(A))
     rows, S_rows = (T[0:3], T[3:6], T[6:9]), (S[0:3], S[3:6], S[6:9])
     xx, xy, xz, yy, yz, zz = (dot(rows[i], S_rows[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
@@ -291,7 +309,7 @@ def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
 
 
 def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
-    """Return Sz(q) A Sz(q)^T of a symmetric matrix A, as its six entries; turn = (sin q, cos q)."""
+    """Return Sz(q) A Sz(q)^T for a symmetric matrix A, as six entries, where turn = (sin q, cos q)."""
     s, c = turn
     xx, xy, xz, yy, yz, zz = A
     cc, cs, ss = c * c, c * s, s * s
@@ -302,13 +320,13 @@ def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
     )  # fmt: skip
 
 
-def symmetric_to_parent(place: Placement, A: Symmetric) -> Symmetric:
-    """Return Q A Q^T."""
-    return conjugate(place.S, A if place.turn is None else turned_symmetric(place.turn, A))
+def symmetric_to_parent(placement: Placement, A: Symmetric) -> Symmetric:
+    """Return Q A Q^T: a symmetric matrix in the axes of a joint's body, converted to the axes of the parent."""
+    return conjugate(placement.S, A if placement.turn is None else turned_symmetric(placement.turn, A))
 
 
 def outer_sum(a: Vector, b: Vector) -> Symmetric:
-    """Return a b^T + b a^T, the six entries of a symmetric matrix."""
+    """Return the symmetric matrix a b^T + b a^T, as six entries."""
     xx, yy, zz = a[0] * b[0], a[1] * b[1], a[2] * b[2]
     return (
         xx + xx, a[0] * b[1] + a[1] * b[0], a[0] * b[2] + a[2] * b[0],
@@ -320,7 +338,9 @@ def outer_sum(a: Vector, b: Vector) -> Symmetric:
 
 
 class Acceleration(NamedTuple):
-    """The motion that a body's inertial wrench depends on, own axes: omega, a - g of its reference point, B of T1."""
+    """The motion of a body from which its inertial wrench follows, in body axes: omega, the acceleration a - g of its
+    reference point, and the matrix B of T1.
+    """
 
     omega: Vector
     a: Vector
@@ -328,7 +348,9 @@ class Acceleration(NamedTuple):
 
 
 def acceleration_gradient(omega: Vector, alpha: Vector) -> Matrix:
-    """Return the matrix B = [alpha]x + [omega]x^2: a point at r has the relative acceleration B r (T1)."""
+    """Return the matrix B = [alpha]x + [omega]x^2. A point of the body at r from the reference point has the
+    acceleration B r relative to it (T1).
+    """
     x, y, z = omega
     u, v, w = alpha
     xx, yy, zz = x * x, y * y, z * z
@@ -348,9 +370,8 @@ def accelerations_in_own_axes(
     alpha: Vector,
     a: Vector,
 ) -> list[Acceleration]:
-    """Return the motion of every body in its own axes, the base first, from that of the base (T1).
-
-    omega, alpha and a are those of the base in its own axes; a is its acceleration less gravity.
+    """Return a list of the `Acceleration` of all bodies, each in the axes of its body, the base first (T1). omega,
+    alpha and a are those of the base in base axes; a is its acceleration less gravity.
     """
     angular = [(omega, alpha)]
     motions = [Acceleration(omega, a, acceleration_gradient(omega, alpha))]
@@ -375,7 +396,9 @@ Wrench: TypeAlias = tuple[Vector, Vector]
 
 
 def inertial_wrench(mass: Scalar, first_moment: Vector, second_moment: Symmetric, motion: Acceleration) -> Wrench:
-    """Return (force, torque) about its reference point that give a body its motion, own axes (T2)."""
+    """Return (force, torque) that give a body its motion, in body axes (T2). The torque is about the body's reference
+    point.
+    """
     B, a = motion.B, motion.a
     xx, xy, xz, yy, yz, zz = second_moment
     force = add(scale(a, mass), rotate(B, first_moment))
@@ -390,7 +413,9 @@ def inertial_wrench(mass: Scalar, first_moment: Vector, second_moment: Symmetric
 def sum_inward(
     links: Sequence[Link], placements: Sequence[Placement], body_wrenches: Iterable[Wrench]
 ) -> list[Wrench]:
-    """Return the wrench that each joint transmits, the base's total first, from the wrench on each body (T3)."""
+    """Return a list of the wrenches that the joints transmit, in the axes of their bodies, the total wrench on the
+    base first. body_wrenches are the wrenches on the single bodies (T3).
+    """
     sums = list(body_wrenches)
     for number in range(len(links), 0, -1):
         link, joint, (force, torque) = links[number - 1], placements[number - 1], sums[number]
@@ -404,18 +429,24 @@ def sum_inward(
 
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """Return the component of each joint's wrench along its axis: a torque of hinges, a force of sliders (T3)."""
+    """Return a list with the component of each joint's wrench along the joint axis: a torque for hinges, a force for
+    sliders (T3). The wrench of the base is skipped.
+    """
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
 
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
-    """Return the effort of each motor: along the joint's axis, and for its own rotor (T3, T10)."""
+    """Return a list with the effort of each joint's motor: the wrench's component along the axis, and the inertial
+    effort of the motor's own rotor (T3, T10).
+    """
     loads = along_axes(links, wrenches)
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
 
 
 def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Acceleration]) -> list[Wrench]:
-    """Return the wrench that gives each body alone its motion, own axes, the base first (T2)."""
+    """Return a list of the wrenches that give each body alone its motion, in the axes of the body, the base first
+    (T2).
+    """
     return [
         inertial_wrench(body.mass, body.first, body.second, motion)
         for body, motion in zip(_bodies(base, links), motions, strict=True)
@@ -423,7 +454,7 @@ def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Accel
 
 
 def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
-    """Return the base and the links, the bodies of the tree by number."""
+    """Return a list of the base and the links, in the order of the body numbers."""
     return [base, *links]
 
 
@@ -431,7 +462,9 @@ def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
 
 
 class Matter(NamedTuple):
-    """Mass, first moment and second moment of some matter, in a body's axes about its reference point."""
+    """Mass, first moment and second moment of a body or of several bodies together, in a body's axes and about its
+    reference point.
+    """
 
     mass: Scalar
     first: Vector
@@ -439,7 +472,9 @@ class Matter(NamedTuple):
 
 
 def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement]) -> list[Matter]:
-    """Return the matter of each body with all bodies beyond it, in that body's axes, the base first (T4)."""
+    """Return a list of composite bodies (T4), the base first: the matter of each body and all bodies beyond it, in
+    the axes of that body.
+    """
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
         link, joint, subtree = links[number - 1], placements[number - 1], matter[number]
@@ -456,7 +491,9 @@ def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement
 
 
 def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
-    """Return the wrench that moves matter by q'' = 1 of its joint alone, a slider or a hinge (T4)."""
+    """Return the wrench, in body axes, that moves matter by q'' = 1 of a joint alone: along the z axis of a slider or
+    about that of a hinge (T4).
+    """
     x, y, _ = matter.first
     if is_slider:
         return (0.0, 0.0, matter.mass), (y, -x, 0.0)
@@ -467,7 +504,9 @@ def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
 def mass_matrix(
     links: Sequence[Link], placements: Sequence[Placement], composite_matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
-    """Return M by rows up to the diagonal, and the wrench on the base for q'' = 1 of each joint, base axes (T4)."""
+    """Return the rows of the mass matrix M up to its diagonal, as lists, and a list of the wrenches on the base, base
+    axes, for q'' = 1 of each joint (T4). composite_matter is the result of `composites`.
+    """
     rows: list[list[Scalar]] = []
     on_base = []
     for number, link in enumerate(links, 1):
@@ -487,9 +526,8 @@ def mass_matrix(
 
 
 def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
-    """Return the six rows of M of a free base up to the diagonal, in (v1, omega1), world axes (T4).
-
-    matter is that of the whole tree.
+    """Return a list of the six rows of the mass matrix M of a free base, each up to its diagonal, for (v1, omega1) in
+    world axes (T4). `matter` is that of the whole tree and S the attitude of the base.
     """
     x, y, z = rotate(S, matter.first)
     J = conjugate(S, inertia_from_moment(matter.second))
@@ -508,7 +546,9 @@ def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
 
 
 class SpatialInertia(NamedTuple):
-    """Spatial inertia of a body: [torque force] = [J H; H^T M] [alpha a] (T5); H row by row."""
+    """Spatial inertia of a body: [torque force] = [J H; H^T M] [alpha a] (T5). J and M are symmetric matrices of six
+    entries; H has nine entries, row by row.
+    """
 
     J: Symmetric
     H: Matrix
@@ -516,7 +556,9 @@ class SpatialInertia(NamedTuple):
 
 
 class JointElimination(NamedTuple):
-    """The elimination of one joint (T5): its column U as torque and force, share = 1 / D, and the pivot D."""
+    """The elimination of one joint from an articulated body (T5): the inertia's column U of the joint axis as torque
+    and force, the share 1 / D, and the pivot D.
+    """
 
     torque: Vector
     force: Vector
@@ -525,7 +567,7 @@ class JointElimination(NamedTuple):
 
 
 def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmetric) -> SpatialInertia:
-    """Return the spatial inertia of one rigid body about its reference point, own axes (T5)."""
+    """Return the spatial inertia of a single rigid body about its reference point, in body axes (T5)."""
     x, y, z = first_moment
     return SpatialInertia(
         inertia_from_moment(second_moment), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass)
@@ -533,7 +575,7 @@ def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmet
 
 
 def turned_matrix(turn: Turn, A: Matrix) -> Matrix:
-    """Return Sz(q) A Sz(q)^T of any 3 x 3 matrix A; turn = (sin q, cos q)."""
+    """Return Sz(q) A Sz(q)^T for any 3 x 3 matrix A, where turn = (sin q, cos q)."""
     s, c = turn
     cc, cs, ss = c * c, c * s, s * s
     both, apart = cs * (A[1] + A[3]), cs * (A[0] - A[4])
@@ -545,7 +587,7 @@ def turned_matrix(turn: Turn, A: Matrix) -> Matrix:
 
 
 def spatial_inertia_to_parent(placement: Placement, inertia: SpatialInertia) -> SpatialInertia:
-    """Return a body's spatial inertia about the parent's reference point, in the parent's axes (T5)."""
+    """Return a body's spatial inertia converted to the parent's reference point and the parent's axes (T5)."""
     J, H, M = inertia
     if placement.turn is not None:
         J, H, M = (
@@ -577,9 +619,8 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 def eliminate_joint(
     is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[JointElimination, SpatialInertia]:
-    """Return the elimination of a joint and what is left of its body's spatial inertia for the parent (T5, T10).
-
-    `reciprocal` makes 1 / D of the pivot D.
+    """Return the elimination of a joint, and the spatial inertia of its body that the parent still feels (T5, T10).
+    `inertia` is that of the articulated body, and `reciprocal` is the function that computes 1 / D.
     """
     J, H, M = inertia
     if is_slider:
@@ -626,16 +667,17 @@ def eliminate_joint(
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
-    """Return I / D, the share of an acceleration along the axis that the rotor makes the body resist (T10)."""
+    """Return I / D: the share of an acceleration along the joint axis that the body resists because of the rotor
+    (T10).
+    """
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
 
 def eliminate_joints(
     base: Base, links: Sequence[Link], placements: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[list[JointElimination], SpatialInertia]:
-    """Return the elimination of every joint, and the articulated inertia of the base, base axes (T5).
-
-    `reciprocal` makes 1 / D of each pivot D.
+    """Return a list of the eliminations of all joints, and the articulated inertia of the base in base axes (T5).
+    `reciprocal` is the function that computes 1 / D.
     """
     sums = [rigid_body_inertia(body.mass, body.first, body.second) for body in _bodies(base, links)]
     eliminations: list[JointElimination] = []
@@ -655,7 +697,9 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return q'' of each joint by its load where its parent rests, and the wrench on the base, base axes (T6)."""
+    """Return a list of q'' that the loads of the joints cause while each parent is at rest, and the wrench on the
+    base in base axes (T6). `eliminations` is the list of `eliminate_joints`.
+    """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
     for number in range(len(links), 0, -1):
@@ -686,7 +730,9 @@ def joint_accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """Return q'' of every joint, from `accelerations_by_loads` and the base's alpha and a, base axes (T6)."""
+    """Return a list of q'' of all joints, from the list of `accelerations_by_loads` and the base's alpha and a in
+    base axes (T6).
+    """
     bodies, qdd = [(alpha, a)], []
     for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):
         alpha_p, a_p = bodies[link.parent]
@@ -708,7 +754,9 @@ def joint_accelerations(
 def velocities_in_own_axes(
     links: Sequence[Link], placements: Sequence[Placement], qd: Sequence[Scalar], v: Vector, omega: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """Return (v, omega) of every body in its own axes, the base first; v and omega are those of the base."""
+    """Return a list of (v, omega) of all bodies, each in the axes of its body, the base first. v and omega are those
+    of the base in base axes.
+    """
     bodies = [(v, omega)]
     for link, joint, rate in zip(links, placements, qd, strict=True):
         v_p, omega_p = bodies[link.parent]
@@ -719,7 +767,9 @@ def velocities_in_own_axes(
 
 
 def body_momenta(base: Base, links: Sequence[Link], own_velocities: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
-    """Return (P, L) of each body about its reference point, from its (v, omega); all in its own axes (T8)."""
+    """Return a list of (P, L), the linear and angular momentum of all bodies about their reference points (T8).
+    Velocities and momenta are in the axes of each body.
+    """
     result = []
     for body, (v, omega) in zip(_bodies(base, links), own_velocities, strict=True):
         linear = add(scale(v, body.mass), cross(omega, body.first))
@@ -734,7 +784,9 @@ def kinetic_energy(
     momenta: Sequence[Wrench],
     qd: Sequence[Scalar],
 ) -> Scalar:
-    """Return the kinetic energy: half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
+    """Return the kinetic energy of a tree: half the sum of v . P + omega . L of all bodies and of I q'^2 of all
+    rotors (T7, T10).
+    """
     doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(own_velocities, momenta, strict=True)]
     doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]
     total = doubles[0]

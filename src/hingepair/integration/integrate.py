@@ -54,7 +54,7 @@ from hingepair.plans.plan import (
     ACCELERATION,
     PLANAR_MOTION,
     SPATIAL_MOTION,
-    Kind,
+    MotionKind,
     Plan,
     check_outputs,
     default_outputs,
@@ -577,7 +577,7 @@ def _arrays_of_trajectory(trajectory: Any) -> dict[str, NDArray[Any]]:
     return arrays | {STATE_OUTPUT_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
-def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:
+def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:
     """Return the plan that computes the outputs; None means all outputs of body 2 that the arguments allow.
 
     Raises:

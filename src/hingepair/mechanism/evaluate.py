@@ -52,7 +52,7 @@ class RobotComputation:
 
     Args:
         constants: constants of the robot.
-        outputs: names out of `plans.trees.OUTPUT_BY_NAME`.
+        outputs: names out of `plans.trees.TREE_OUTPUT_BY_NAME`.
         free: whether forces move the base.
         frames: frames whose motion is computed, and frames on which wrenches act.
         loaded_frames: indices of the frames on which wrenches act.

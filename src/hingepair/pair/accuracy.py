@@ -24,7 +24,7 @@ from hingepair.numeric.bounded import Bounded, BoundedDouble, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.plans.plan import Kind, Plan
+from hingepair.plans.plan import MotionKind, Plan
 
 
 class PromisedBound(NamedTuple):
@@ -251,7 +251,7 @@ _INPUTS_BY_DERIVED_CONSTANT = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_
 
 
 def error_bounds(
-    kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
+    kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
     """Return by output name bounds on the rounding errors of forward_kinematics from coordinates, shape (...,)."""
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)

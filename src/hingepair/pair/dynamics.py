@@ -20,7 +20,11 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import cached_call
 from hingepair.pair.forward_kinematics import read_component
-from hingepair.plans.dynamics_steps import FORWARD_DYNAMICS_OUTPUT_NAMES, INVERSE_DYNAMICS_OUTPUT_NAMES, LOAD_NAMES
+from hingepair.plans.dynamics_steps import (
+    FORWARD_DYNAMICS_LOAD_NAMES,
+    FORWARD_DYNAMICS_OUTPUT_NAMES,
+    INVERSE_DYNAMICS_OUTPUT_NAMES,
+)
 from hingepair.plans.plan import SPATIAL_MOTION, make_plan
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -30,7 +34,7 @@ Bodies: TypeAlias = tuple[Body | None, Body | None]
 _NO_VECTOR_LOAD: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
 _DEFAULT_GRAVITY_ARRAY, _NO_FORCE = np.array(GRAVITY), np.zeros(3)
 # The loads that are vectors: forces and torques on the bodies.
-_VECTOR_LOAD_NAMES = tuple(name for name in LOAD_NAMES if name != "hinge_torque")
+_VECTOR_LOAD_NAMES = tuple(name for name in FORWARD_DYNAMICS_LOAD_NAMES if name != "hinge_torque")
 _MASSLESS_BODY1_CONSTANTS = {"m1": 0.0, "c1": _NO_VECTOR_LOAD, "I1": (0.0,) * 9}  # constants of a body 1 without mass
 MIN_PIVOT_RATIO = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
@@ -168,7 +172,7 @@ def with_loads_and_masses(
     needed_bodies = {
         name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed_names}
     }
-    zero_loads = {name: 0.0 if name == "hinge_torque" else _NO_VECTOR_LOAD for name in LOAD_NAMES}
+    zero_loads = {name: 0.0 if name == "hinge_torque" else _NO_VECTOR_LOAD for name in FORWARD_DYNAMICS_LOAD_NAMES}
     fall = one_constant("gravity", gravity, 3).tolist()
     return _with(constants, {"gravity": tuple(fall), **zero_loads, **mass_constants(needed_bodies)})
 
@@ -288,7 +292,7 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
         ArgumentError: as for `make_accelerations`.
     """
     still = BodyMotion(R=_NO_VECTOR_LOAD, S=np.eye(3), omega=_NO_VECTOR_LOAD)
-    loads = dict.fromkeys(LOAD_NAMES, 0.0)
+    loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
     outputs = compute_quantity(
         ACCELERATIONS_QUANTITY, constants, bodies, still, gravity=_NO_VECTOR_LOAD, psi=0.0, psid=0.0, **loads
     )

@@ -17,8 +17,16 @@ from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import cached_call
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Kind, Plan, check_outputs, default_outputs, make_plan
-from hingepair.plans.steps import COORDINATE_COLUMN_NAMES
+from hingepair.plans.plan import (
+    PLANAR_MOTION,
+    SPATIAL_MOTION,
+    MotionKind,
+    Plan,
+    check_outputs,
+    default_outputs,
+    make_plan,
+)
+from hingepair.plans.steps import COLUMN_NAMES_BY_COORDINATE_NAMES
 from hingepair.rotations.sequences import find_sequence
 
 CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
@@ -48,7 +56,7 @@ class PairCoordinates(NamedTuple):
     library: Library | None = None
 
 
-def read_pair_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
+def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
     """Return the arguments q, qd, qdd as PairCoordinates; refuse unusable ones. Arrays of other libraries stay as
     they are if `keep_foreign`, and become NumPy's otherwise.
     """
@@ -116,7 +124,7 @@ def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]
     has.
     """
     column_names_by_level, endings = (
-        COORDINATE_COLUMN_NAMES[coordinate_names],
+        COLUMN_NAMES_BY_COORDINATE_NAMES[coordinate_names],
         {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name],
     )
     families = [
@@ -163,7 +171,7 @@ def read_component(name: str, value: Any) -> Any:
 
 
 def from_coordinates(
-    kind: Kind,
+    kind: MotionKind,
     pair: Constants,
     q: Any,
     qd: Any,
@@ -204,7 +212,7 @@ def from_coordinates(
 
 
 def plan_from_coordinates(
-    kind: Kind,
+    kind: MotionKind,
     pair: Constants,
     q: Any,
     qd: Any,
@@ -268,7 +276,7 @@ def plan_from_body1(
     return plan, {**arrays, **hinge}, shapes
 
 
-def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ...]:
+def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind) -> tuple[str, ...]:
     """Return the names of the outputs to compute, checked: those of `outputs`, or else the defaults of the level and
     the keys of `out`.
     """
@@ -296,7 +304,7 @@ def check_out(out: Out, names: tuple[str, ...]) -> None:
 
 
 def _checked_plan(
-    names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: Kind
+    names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: MotionKind
 ) -> Plan:
     """Return the Plan for some outputs; raise ArgumentError if the inputs do not suffice."""
     home = "home" in pair.values

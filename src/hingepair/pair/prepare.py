@@ -21,9 +21,9 @@ from hingepair.pair.evaluate import QUATERNION_INPUT_NAMES, cached_call
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import (
     DYNAMICS_CONSTANT_NAMES,
+    FORWARD_DYNAMICS_LOAD_NAMES,
     FORWARD_DYNAMICS_OUTPUT_NAMES,
     INVERSE_DYNAMICS_OUTPUT_NAMES,
-    LOAD_NAMES,
 )
 from hingepair.plans.plan import SPATIAL_MOTION, Plan, check_outputs, default_outputs, make_plan, needed_steps
 from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
@@ -40,7 +40,7 @@ _INPUT_NAMES_BY_KEYWORD: Final = {
 # All inputs that a prepared call can take.
 _INPUT_NAMES: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUT_NAMES, *LOAD_NAMES),
+    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUT_NAMES, *FORWARD_DYNAMICS_LOAD_NAMES),
 )
 _TWO_BODY_OUTPUT_NAMES: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),
@@ -157,7 +157,7 @@ def prepare(
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
-    forward = any(name in LOAD_NAMES for name in names)
+    forward = any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in names)
     if outputs is None and forward:
         outputs = FORWARD_DYNAMICS_OUTPUT_NAMES
     elif outputs is None and given == "inverse_dynamics":

@@ -16,7 +16,7 @@ def _zero_vector() -> Vector:
     return eq.ZERO_VECTOR
 
 
-_INERTIA_STEPS = (
+_MASS_CENTRE_AND_INERTIA_STEPS = (
     *HINGE_POINT_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
@@ -76,15 +76,15 @@ _ENERGY_AND_MOMENTUM_STEPS = (
 )
 """Steps to energy and momentum (D7, D8)."""
 
-FORCES_AND_ENERGY_STEPS = (
-    *_INERTIA_STEPS,
+KNOWN_MOTION_DYNAMICS_STEPS = (
+    *_MASS_CENTRE_AND_INERTIA_STEPS,
     *_INVERSE_DYNAMICS_STEPS,
     Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "partial_velocity2", "inertia_about_R1")),
     *_ENERGY_AND_MOMENTUM_STEPS,
 )
 """All steps from a known motion: its forces, the mass matrix, energy and momentum."""
 
-LOAD_NAMES = ("force1", "torque1", "force2", "torque2", "hinge_torque")
+FORWARD_DYNAMICS_LOAD_NAMES = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
 DYNAMICS_CONSTANT_NAMES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
 """Names of the constants that dynamics take: masses, centres of mass, inertias, gravity."""
@@ -113,7 +113,7 @@ _ROTATION_POINT_STEPS_BY_BASE = {
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
-_ANGULAR_ACCELERATION_STEPS = (
+_ROTATIONAL_SOLUTION_STEPS = (
     Step(
         "solution",
         dyn.angular_accelerations,
@@ -128,7 +128,7 @@ _ACCELERATION_STEPS_BY_BASE = {
         Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
         Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
              ("net_hinge_torque", "mass_fraction2", "partial_velocity2", "force")),
-        *_ANGULAR_ACCELERATION_STEPS,
+        *_ROTATIONAL_SOLUTION_STEPS,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
         Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
         Step("a1", dyn.reference_point_rate, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
@@ -136,14 +136,14 @@ _ACCELERATION_STEPS_BY_BASE = {
     "pinned": (
         Step("torque_at_point", same, ("torque",)),
         Step("hinge_torque_at_point", same, ("net_hinge_torque",)),
-        *_ANGULAR_ACCELERATION_STEPS,
+        *_ROTATIONAL_SOLUTION_STEPS,
         Step("a1", same, ("none",)),
     ),
     "carried": (Step("psidd", lambda torque, J: torque / J[2], ("net_hinge_torque", "inertia_about_point")),),
 }  # fmt: skip
 """Steps to the accelerations, by the base."""
 # The accelerations that are solved for, by the base.
-_UNKNOWN_ACCELERATIONS_BY_BASE = {
+_UNKNOWN_ACCELERATION_NAMES_BY_BASE = {
     "free": ("a1", "alpha1", "psidd"),
     "pinned": ("a1", "alpha1", "psidd"),
     "carried": ("psidd",),
@@ -151,22 +151,24 @@ _UNKNOWN_ACCELERATIONS_BY_BASE = {
 
 
 def inertia_steps(base: str) -> tuple[Step, ...]:
-    """Return the steps to centres of mass and inertias, also about the point that a pair with this base turns about.
+    """Return a tuple of the steps that compute centres of mass, inertias, and the inertia about the point about which
+    the pair rotates. `base` says what holds body 1: "free", "pinned" or "carried".
 
-    `base` is as for `forward_dynamics_steps`.
+    The values of `base` are explained in `forward_dynamics_steps`.
     """
-    return (*_INERTIA_STEPS, *_ROTATION_POINT_STEPS_BY_BASE[base])
+    return (*_MASS_CENTRE_AND_INERTIA_STEPS, *_ROTATION_POINT_STEPS_BY_BASE[base])
 
 
 @functools.lru_cache(maxsize=64)
 def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
-    """Return the steps from loads to a1, alpha1 and psidd (D6), and to all that depends on these; cached.
+    """Return a tuple of the steps that solve forward dynamics: from loads to a1, alpha1 and psidd (D6), then to all
+    quantities that depend on these. `base` says what holds body 1; the result is cached.
 
     Args:
         kinematic_steps: steps to S1, omega1 and to the motion of body 2.
         base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
     """
-    unknown = _UNKNOWN_ACCELERATIONS_BY_BASE[base]
+    unknown = _UNKNOWN_ACCELERATION_NAMES_BY_BASE[base]
     zero_names = {"a1": "none", "alpha1": "none", "psidd": "zero"}
     bias_names = {name: zero_names[name] for name in unknown}
     motion_steps, following_steps = [], []

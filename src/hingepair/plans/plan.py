@@ -16,23 +16,27 @@ from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
-from hingepair.plans.dynamics_steps import FORCES_AND_ENERGY_STEPS, LOAD_NAMES, forward_dynamics_steps
+from hingepair.plans.dynamics_steps import (
+    FORWARD_DYNAMICS_LOAD_NAMES,
+    KNOWN_MOTION_DYNAMICS_STEPS,
+    forward_dynamics_steps,
+)
 from hingepair.plans.steps import (
     ATTITUDE1_STEPS_BY_INPUT,
     ATTITUDE2_CHECK_STEPS,
     ATTITUDE2_STEP_WITHOUT_HOME,
-    BODY2_STEPS,
+    BODY2_KINEMATICS_STEPS,
     CONSTRAINT_STEPS,
     COORDINATE_NAMES,
     COORDINATE_PART_NAMES,
     COORDINATE_SPLIT_STEPS,
-    GIVEN_S1_REPLACEMENT_STEPS,
-    JACOBIAN_STEPS,
+    GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
+    JACOBIAN_AND_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_PART_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
-    PLANAR_STEPS,
+    PLANAR_KINEMATICS_STEPS,
     SENSITIVITY_STEPS,
     Step,
     coordinate_jacobian_steps,
@@ -46,7 +50,7 @@ TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
 # Shapes of one sample of everything that can be given or computed in space, by name.
-_SHAPE_BY_NAME: Final[dict[str, Tail]] = {
+_SHAPE_BY_QUANTITY_NAME: Final[dict[str, Tail]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
@@ -79,8 +83,9 @@ _SHAPE_BY_NAME: Final[dict[str, Tail]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kind:
-    """A kind of motion, in space or in a plane: names and shapes of all that can be given or computed.
+class MotionKind:
+    """A kind of motion of a pair, in space or in a plane: names of its coordinates, shapes of its quantities, and
+    levels of its outputs.
 
     Attributes:
         coordinates: what the components of q are called.
@@ -97,32 +102,32 @@ class Kind:
 
 
 # The level at which an output of body 2 is a default output.
-_BODY2_OUTPUT_LEVELS = {
+_LEVEL_BY_BODY2_OUTPUT_NAME = {
     **dict.fromkeys(("R2", "S2", "d"), POSE),
     **dict.fromkeys(("v2", "omega2"), VELOCITY),
     **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
 }
-SPATIAL_MOTION: Final = Kind(
+SPATIAL_MOTION: Final = MotionKind(
     COORDINATE_NAMES,
     COORDINATE_PART_NAMES,
-    _SHAPE_BY_NAME,
-    {**_BODY2_OUTPUT_LEVELS, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
+    _SHAPE_BY_QUANTITY_NAME,
+    {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
-PLANAR_MOTION: Final = Kind(
+PLANAR_MOTION: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_PART_NAMES,
     {
-        **_SHAPE_BY_NAME,
+        **_SHAPE_BY_QUANTITY_NAME,
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("q", "qd", "qdd"), (4,)),
     },
-    {{"S2": "phi2"}.get(name, name): level for name, level in _BODY2_OUTPUT_LEVELS.items()},
+    {{"S2": "phi2"}.get(name, name): level for name, level in _LEVEL_BY_BODY2_OUTPUT_NAME.items()},
 )
 """Motion in two coordinates (E11)."""
 
-_COMPONENT_NAMES_BY_STEP = {
+_COMPONENT_NAMES_BY_STEP_RESULT = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
     "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
     "turn1": ("sin_phi", "cos_phi"),
@@ -133,7 +138,7 @@ _COMPONENT_NAMES_BY_STEP = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps that compute some outputs from given values, in order.
+    """The steps, in order, that compute the outputs of a pair from inputs, with the names of both.
 
     Attributes:
         outputs: names, in the order asked for.
@@ -145,13 +150,15 @@ class Plan:
     outputs: tuple[str, ...]
     steps: tuple[Step, ...]
     inputs: frozenset[str]
-    kind: Kind
+    kind: MotionKind
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on values by name; add each result to `values`, and return them."""
+        """Run the steps on values by name. Each result is added to the dictionary `values`, which is returned; traced
+        results get names for generated code.
+        """
         for result, function, arguments in self.steps:
             made = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, made, _COMPONENT_NAMES_BY_STEP.get(result))
+            name_components(result, made, _COMPONENT_NAMES_BY_STEP_RESULT.get(result))
         return values
 
 
@@ -165,10 +172,11 @@ def make_plan(
     sequence: str | None = "XYZ",
     has_home: bool = True,
     trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
-    kind: Kind = SPATIAL_MOTION,
+    kind: MotionKind = SPATIAL_MOTION,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
-    """Return the plan that computes these outputs; cached, so that equal steps give the identical plan.
+    """Return the cached plan that computes the named outputs of a pair. Equal steps give the identical plan object.
+    `given_names` are the inputs beside the pair's constants.
 
     Args:
         outputs: names of the outputs.
@@ -189,14 +197,14 @@ def make_plan(
 
 
 @functools.lru_cache(maxsize=1024)
-def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan:
-    """Return the plan of these steps for the outputs; cached, so that equal steps give the identical plan."""
+def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
+    """Return the cached plan that computes the outputs by these steps. Equal steps give the identical plan object."""
     return Plan(outputs, *needed_steps(taken, outputs), kind)
 
 
 @functools.lru_cache(maxsize=1024)
 def plan_loop(plan: Plan) -> Loop:
-    """Return the `Loop` that runs a plan over samples; cached by plan."""
+    """Return the `Loop` that runs a plan over samples, cached by plan."""
     shapes = plan.kind.shapes
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
@@ -204,7 +212,9 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return the steps that lead to the outputs, in order, and the set of names that they take as inputs."""
+    """Return a tuple of the steps that the outputs depend on, in order, and a frozenset of the names that these steps
+    take as inputs.
+    """
     needed = set(outputs)
     taken = []
     for step in reversed(tuple(steps)):
@@ -216,13 +226,16 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 
 @functools.cache
-def default_outputs(level: int, kind: Kind = SPATIAL_MOTION) -> tuple[str, ...]:
-    """Return the names of the outputs that are computed at this level unless outputs are named."""
+def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION) -> tuple[str, ...]:
+    """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) if
+    the user names none.
+    """
     return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
 
 
 def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the outputs asked for, each once; raise an error unless all are known.
+    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raises an error if it is not
+    a collection of known names.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -244,10 +257,12 @@ def all_steps(
     sequence: str | None,
     has_home: bool,
     trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
-    kind: Kind = SPATIAL_MOTION,
+    kind: MotionKind = SPATIAL_MOTION,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
-    """Return the steps to everything that can be computed; the parameters are those of `make_plan`; cached."""
+    """Return a cached tuple of the steps to all quantities that can be computed from the given inputs. The parameters
+    are those of `make_plan`.
+    """
     if kind is PLANAR_MOTION:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
     steps = [step for name in given_names for step in ATTITUDE1_STEPS_BY_INPUT.get(name, ())]
@@ -258,17 +273,19 @@ def all_steps(
     ]
     if not given_names:
         return tuple(steps)
-    if any(name in LOAD_NAMES for name in given_names):
+    if any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in given_names):
         return forward_dynamics_steps(tuple(steps))
-    steps += CONSTRAINT_STEPS if "S2" in given_names else FORCES_AND_ENERGY_STEPS
-    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
+    steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
+    steps += [*JACOBIAN_AND_BIAS_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
     return tuple(step for step in steps if step.result not in given_names)
 
 
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return the kinematic steps to both bodies, from body 1's coordinates or attitude and the hinge angle."""
+    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` is None if the attitude
+    of body 1 is given instead of Euler angles.
+    """
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG_FUNCTIONS:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
@@ -293,8 +310,8 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
             Step("omega1", order.angular_velocity, ("axes", "phid")),
             Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
         )
-    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS if sequence is None else {}
-    for step in BODY2_STEPS:
+    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT if sequence is None else {}
+    for step in BODY2_KINEMATICS_STEPS:
         steps += replaced_steps.get(step.result, (step,))
     return tuple(
         steps if has_home else [ATTITUDE2_STEP_WITHOUT_HOME if step.result == "S2" else step for step in steps]
@@ -302,13 +319,17 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
 
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return the steps to both bodies of a planar pair; trig_functions make sines and cosines of its angles."""
+    """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` are the
+    functions for the sines and cosines of phi1 and psi.
+    """
     if trig_functions == NUMERIC_TRIG_FUNCTIONS:
-        return PLANAR_STEPS
+        return PLANAR_KINEMATICS_STEPS
     angle_terms, hinge_terms = trig_functions
     replaced_functions: dict[str, Callable[..., Any]] = {
         "hinge": hinge_terms,
         "cosine": eq.cosine_of_psi,
         "turn1": lambda phi1: angle_terms((phi1,)),
     }
-    return tuple(step._replace(function=replaced_functions.get(step.result, step.function)) for step in PLANAR_STEPS)
+    return tuple(
+        step._replace(function=replaced_functions.get(step.result, step.function)) for step in PLANAR_KINEMATICS_STEPS
+    )

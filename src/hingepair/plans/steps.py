@@ -17,7 +17,9 @@ from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
-    """One equation of a plan: result = function(*arguments), where result and arguments are names of values."""
+    """One equation of a plan, result = function(*arguments). The fields `result` and `arguments` are names of
+    values.
+    """
 
     result: str
     function: Callable[..., Any]
@@ -35,7 +37,7 @@ PLANAR_COORDINATE_PART_NAMES = {
     "qdd": ("a1", "phi1dd", "psidd"),
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
-COORDINATE_COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     COORDINATE_NAMES: {
         "q": COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
@@ -64,7 +66,9 @@ PLANAR_COORDINATE_SPLIT_STEPS = tuple(
 
 
 def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
-    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
+    """Return the rotation matrix, as nine entries, of a quaternion (w, x, y, z) of any length but zero. The
+    quaternion is normalised.
+    """
     scale = _largest_component(quat)
     w, x, y, z = (c / scale for c in quat)
     length = square_root(w * w + x * x + y * y + z * z)
@@ -72,18 +76,18 @@ def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
 
 
 def _largest_component(parts: tuple[Any, ...]) -> Any:
-    """Return the largest absolute component."""
+    """Return the largest absolute value of some components."""
     return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
 
 
 def _rotation_defect(S: eq.Matrix) -> Any:
-    """Return the largest element of S S^T - I in absolute value; 2 of a reflection."""
+    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. For a reflection, return 2."""
     *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
 
 def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
-    """Return 2 of a quaternion whose components are all zero, else 0; of one that holds a NaN, 0."""
+    """Return 2 for a quaternion whose components are all zero, else 0. A quaternion that contains NaN gives 0."""
     size = sum(where_less(c, 0.0, -c, c) for c in quat)
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
@@ -106,7 +110,7 @@ refused: of a matrix, its distance from a rotation; of a quaternion, whether it 
 ATTITUDE2_CHECK_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
 """Step to the distance of a given S2 from a rotation."""
 
-BODY2_STEPS = (
+BODY2_KINEMATICS_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
     Step("S2", eq.attitude2, ("S1", "Sh", "home")),
     Step("lever_moving", eq.lever_moving, ("lever_cos", "lever_sin", "hinge", "cosine")),
@@ -137,7 +141,7 @@ precision, so that a plan in doubles starts from constants that are right to the
 
 ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
-GIVEN_S1_REPLACEMENT_STEPS = {
+GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT = {
     "lever_by_psi": (
         Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
         Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),
@@ -149,7 +153,7 @@ keep the hinge point of both bodies together to the last digit."""
 
 
 def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
-    """Return the rotation matrix about z (E11); turn = (sin, cos) of the angle."""
+    """Return the rotation matrix about z (E11), where turn = (sin, cos) of the angle."""
     s, c = turn
     return c, -s, 0, s, c, 0, 0, 0, 1
 
@@ -160,12 +164,12 @@ def vector_along_z(rate: Scalar) -> Vector:
 
 
 def in_space(u: tuple[Scalar, Scalar]) -> Vector:
-    """Return a planar vector as a vector in space, with z = 0."""
+    """Return a planar vector as a vector in space with z = 0."""
     return u[0], u[1], 0
 
 
 def cross_with_e_z(u: tuple[Scalar, Scalar]) -> Vector:
-    """Return e_z x u of a planar vector u, with z = 0."""
+    """Return e_z x u, as a vector in space, for a planar vector u."""
     return -u[1], u[0], 0
 
 
@@ -180,14 +184,16 @@ def z_component(v: Vector) -> Scalar:
 
 
 def planar_velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), as E11 is differentiated."""
+    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), the time derivative of E11."""
     return eq.add(v1, eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2)))
 
 
 def planar_acceleration2(
     a1: Vector, rates1: tuple[Vector, Vector], r1: Vector, rates2: tuple[Vector, Vector], r2: Vector
 ) -> Vector:
-    """Return a2 = a1 + r1'' - r2'' of a planar pair (E9, E11); rates_i = (omega_i, alpha_i)."""
+    """Return a2 = a1 + r1'' - r2'' of a planar pair as a vector in space (E9, E11), where rates1 = (omega1, alpha1)
+    and rates2 = (omega2, alpha2).
+    """
     return eq.add(a1, eq.subtract(eq.point_acceleration(*rates1, r1), eq.point_acceleration(*rates2, r2)))
 
 
@@ -197,16 +203,16 @@ def as_tuple(*parts: Any) -> tuple[Any, ...]:
 
 
 def concatenate_vectors(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the components of two vectors in one tuple."""
+    """Return one tuple with the components of two vectors."""
     return (*a, *b)
 
 
 def same(value: Any) -> Any:
-    """Return the value itself, under another name."""
+    """Return the value itself, which gets another name by a step."""
     return value
 
 
-PLANAR_STEPS = (
+PLANAR_KINEMATICS_STEPS = (
     Step("hinge", hinge_terms, ("psi",)),
     Step("cosine", hinge_cosine, ("hinge",)),
     Step("turn1", turn_terms, ("phi1",)),
@@ -242,7 +248,7 @@ PLANAR_STEPS = (
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
 
 
-JACOBIAN_STEPS = (
+JACOBIAN_AND_BIAS_STEPS = (
     Step("turns", lambda: by.WORLD_AXES, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
@@ -269,7 +275,9 @@ JACOBIAN_STEPS = (
 
 @functools.lru_cache(maxsize=64)
 def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
-    """Return the steps to the Jacobian by the rates of the coordinates, and to its time derivative."""
+    """Return a cached tuple of the steps that compute the Jacobian with respect to the rates of the coordinates and
+    its time derivative, for an Euler sequence.
+    """
     euler_sequence = find_sequence(sequence)
     return (
         Step("own_turns", euler_sequence.columns, ("axes",)),
@@ -304,12 +312,12 @@ SENSITIVITY_STEPS = (
 
 
 def _twist(turn: Components) -> Any:
-    """Return the angle psi of a pair (sin, cos) times a positive factor."""
+    """Return the angle psi [rad] of a pair (sin, cos) that may be multiplied by a positive factor."""
     return arc_tangent(turn[0], turn[1])
 
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
-    """Return the angle between both hinge axes [rad]."""
+    """Return the angle [rad] between the hinge axes h1 and h2 of both bodies."""
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 

@@ -50,7 +50,8 @@ FRAME_CONSTANT_SHAPES: Final = {"R": (3,), "S": (9,)}
 
 
 class Form(NamedTuple):
-    """The structure of a robot: its joints, and which of its constants are 0, 1 or -1; programs are made by form.
+    """The structure of a robot: joint names, parents, kinds and columns in q, and which of its constants are 0, 1 or
+    -1. Robots of equal form share programs.
 
     Attributes:
         names: of the joints, as generated code may call them.
@@ -68,20 +69,21 @@ class Form(NamedTuple):
 
     @property
     def dof(self) -> int:
-        """Return the number of coordinates."""
+        """Number of coordinates."""
         return len(set(self.columns))
 
     @property
     def mimics(self) -> bool:
-        """Return whether a joint follows another."""
+        """Whether any joint is a mimic joint, which follows another."""
         return self.dof < len(self.columns)
 
 
 class Request(NamedTuple):
-    """What a program computes of a robot: names of outputs, the kind of base, frames, and links under load.
+    """What a program computes of a robot: the names of the outputs, whether the base is free, and the bodies of the
+    frames, including the frames under load.
 
     Attributes:
-        outputs: names out of OUTPUT_BY_NAME.
+        outputs: names out of TREE_OUTPUT_BY_NAME.
         free: whether the base moves as forces have it; else as it is given.
         frames: the body of each frame.
         known: the constants of the frames that are 0, 1 or -1; None of all others.
@@ -96,7 +98,8 @@ class Request(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed of a robot: its shape, the names of its inputs, and the function to make it.
+    """An output that can be computed for a robot: a function that gives its shape, the names of its inputs, and the
+    function that computes it.
 
     Attributes:
         tail: its shape, of the number of columns of velocity (dof, and 6 more of a free base) and of frames.
@@ -110,12 +113,12 @@ class Output(NamedTuple):
 
 
 def velocity_count(form: Form, request: Request) -> int:
-    """Return the number of velocities: one for each coordinate, and six of a free base."""
+    """Return the number of velocities: one for each coordinate, and six more for a free base."""
     return form.dof + 6 * request.free
 
 
 class Computation:
-    """Quantities of a robot for one set of values, each computed when it is first accessed.
+    """The quantities of a robot for one set of values. Each quantity is computed at first access and cached.
 
     Args:
         form: the robot's build.
@@ -142,7 +145,9 @@ class Computation:
     # ---- coordinates of joints, and what acts along them
 
     def _of_joints(self, name: str) -> list[Scalar]:
-        """Return a rate, or its derivative, of every joint from those of the coordinates."""
+        """Return a list with a rate, or its derivative, of every joint, computed from the values by coordinate under
+        this name.
+        """
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
 
@@ -168,7 +173,9 @@ class Computation:
         return [0.0] * len(self.links)
 
     def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
-        """Return the effort of each coordinate from those of all joints: followers add theirs to their leader's."""
+        """Return a tuple of efforts by coordinate from the efforts of all joints. The effort of a mimic joint is
+        added to that of its leader, times its multiplier.
+        """
         sums: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
             sums[column] = sums[column] + effort * ratio
@@ -176,7 +183,9 @@ class Computation:
 
     @functools.cached_property
     def placements(self) -> list[eq.Placement]:
-        """Pose of each joint's body in its parent: rotation, and position of its reference point."""
+        """List of the placements of the joints: the pose of each joint's body in its parent. Names the sines and
+        cosines in generated code.
+        """
         turns = [
             None if link.slides else (sine(value), cosine(value))
             for link, value in zip(self.links, self.q, strict=True)
@@ -189,18 +198,18 @@ class Computation:
 
     @functools.cached_property
     def poses(self) -> list[eq.Pose]:
-        """The pose of every body."""
+        """List of the poses of all bodies, the base first."""
         return self._name_components(eq.poses(self.links, self.placements, self.values["S1"]), ("S", "d", "arm"))
 
     @functools.cached_property
     def rates(self) -> list[eq.Rates]:
-        """The (v, omega) of every body, world axes."""
+        """List of (v, omega) of all bodies, world axes, the base first."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
         return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
     @functools.cached_property
     def changes(self) -> list[eq.Rates]:
-        """The (a, alpha) of every body, world axes."""
+        """List of (a, alpha) of all bodies, world axes, the base first."""
         return self._changes(self.qdd, self._base_change)
 
     @property
@@ -209,7 +218,9 @@ class Computation:
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
-        """Return (a, alpha) of every body, world axes, for these q'' and accelerations of the base."""
+        """Return a list of (a, alpha) of all bodies, world axes, the base first, for the given q'' and accelerations
+        of the base.
+        """
         found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
         return self._name_components(found, ("a", "alpha"))
 
@@ -230,22 +241,23 @@ class Computation:
         return self._frame_accelerations(self.changes)
 
     def _frame_accelerations(self, link_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return (a, alpha) of every frame, from such terms of all bodies: their accelerations, or parts of them."""
+        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. Both may be parts of
+        accelerations only, such as a bias.
+        """
         return [
             eq.frame_acceleration(pose, self.rates[body][1], link_accelerations[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
         ]
 
     def frame_positions(self) -> tuple[Scalar, ...]:
-        """Return R of every frame."""
+        """Return the positions R of all frames, as one flat tuple."""
         return _chain_vectors(add(self.values["R1"], pose.d) for pose in self.frame_poses)
 
     def _jacobian_columns(
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
-        """Return the columns of a Jacobian, 6 numbers each: those of the base, then one for each coordinate.
-
-        The columns of followers are added to their leader's.
+        """Return a list of the columns of a Jacobian, each a tuple of six numbers: first those of a free base, then
+        one for each coordinate. Columns of mimic joints are added to those of their leaders.
         """
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
@@ -254,13 +266,17 @@ class Computation:
         return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
     def jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row in one tuple."""
+        """Return the Jacobian of (v, omega) of the first frame with respect to the velocities, as a flat tuple row by
+        row.
+        """
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
         own = eq.point_jacobian_columns(self.links, self.poses, body, d)
         return _matrix_rows(self._jacobian_columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """Return (a, alpha) of the first frame where q'' is 0 and a free base has no acceleration."""
+        """Return (a, alpha) of the first frame as six numbers, for q'' = 0 and, if the base is free, for a base
+        without acceleration.
+        """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change
         a, alpha = self._frame_accelerations(self._changes(self.still, base))[0]
         return (*a, *alpha)
@@ -281,9 +297,11 @@ class Computation:
         a: Vector,
         with_loads: bool = True,
     ) -> list[eq.Wrench]:
-        """Return the wrench that each joint transmits, the base first, own axes (T1-T3); name its components.
+        """Return a list of the wrenches that the joints transmit, in the axes of their bodies, the total wrench on
+        the base first (T1-T3). omega, alpha and a - g (`a`) are those of the base, in base axes. Names the components
+        in generated code.
 
-        omega, alpha and a are the base's, in its own axes; with_loads: whether the wrenches on links count.
+        If `with_loads` is False, the wrenches that act on links are left out.
         """
         feels = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         self._name_components(feels, ("omega", "a", "B"))
@@ -298,16 +316,19 @@ class Computation:
 
     @functools.cached_property
     def transmitted_wrenches(self) -> list[eq.Wrench]:
-        """Wrench that each joint transmits during the given motion, the base first, each in its body's axes."""
+        """List of the wrenches that the joints transmit during the given motion, in the axes of their bodies, the
+        total wrench on the base first.
+        """
         omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
         falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
         return self._transmitted_wrenches(self.qd, self.qdd, omega, alpha, falling)
 
     @functools.cached_property
     def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
-        """Wrench that each joint transmits where q'' is 0, and so are the accelerations of a free base.
+        """List of the wrenches that the joints transmit for q'' = 0, in the axes of their bodies, the total wrench on
+        the base first. A free base has no acceleration, and gravity is left out.
 
-        A free base falls: gravity acts on everything alike and is left out until the accelerations are solved for.
+        Gravity acts on all bodies of a free robot alike, so it is added when the accelerations have been solved for.
         """
         values, free = self.values, self.request.free
         omega = rotate(self.base_axes, values["omega1"])
@@ -323,13 +344,12 @@ class Computation:
         return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
-        """Return force1 (0) or torque1 (1) on the base, world axes."""
+        """Return force1 (kind 0) or torque1 (kind 1), which acts on the base, world axes."""
         return rotate(self.values["S1"], self.transmitted_wrenches[0][kind])
 
     def bias_forces(self, with_rates: bool) -> tuple[Scalar, ...]:
-        """Return the forces by coordinate where second derivatives are 0; those of gravity alone unless with_rates.
-
-        Those on a free base come first.
+        """Return a tuple of the forces at zero second derivatives, by coordinate; for a free base, force1 and torque1
+        come first. If `with_rates` is False, all rates are taken as zero, which leaves the forces of gravity.
         """
         values, still = self.values, ZERO_VECTOR
         if self.request.free:
@@ -347,14 +367,18 @@ class Computation:
 
     @functools.cached_property
     def composites(self) -> list[eq.Matter]:
-        """Mass and moments of each body with all bodies beyond it, the base first."""
+        """List of composite bodies, the base first: mass, first and second moment of each body with all bodies beyond
+        it.
+        """
         return self._name_components(
             eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
         )
 
     @functools.cached_property
     def mass_rows(self) -> list[list[Scalar]]:
-        """Rows of the mass matrix M up to the diagonal, by coordinate, those of a free base first."""
+        """List of the rows of the mass matrix M, each up to its diagonal entry: six rows of a free base first, then
+        one for each coordinate.
+        """
         rows, on_base = eq.mass_matrix(self.links, self.placements, self.composites)
         dof, shift = self.form.dof, 6 * self.request.free
         sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(dof)]
@@ -374,7 +398,7 @@ class Computation:
         return [*(eq.base_mass_rows(self.values["S1"], self.composites[0]) if shift else ()), *sums]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
-        """Return all entries of the mass matrix M, row by row in one tuple."""
+        """Return all entries of the mass matrix M, as a flat tuple row by row."""
         rows = self.mass_rows
         size = range(len(rows))
         return tuple(rows[max(i, j)][min(i, j)] for i in size for j in size)
@@ -383,22 +407,26 @@ class Computation:
 
     @functools.cached_property
     def motor_loads(self) -> list[Scalar]:
-        """Joint efforts tau less the bias, which accelerate the joints; for robots without mimic joints."""
+        """List of the joint efforts tau less the bias forces, for robots without mimic joints."""
         bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
         return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
 
     @functools.cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
-        """Elimination of every joint, and the articulated inertia of the base (T5)."""
+        """The eliminations of all joints, as a list, and the articulated inertia of the base (T5)."""
         return eq.eliminate_joints(self.base, self.links, self.placements, _reciprocal)
 
     @functools.cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solution of forward dynamics: a1, alpha1 (world axes, of a free base) and q'', NaN where M is singular."""
+        """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base (world axes), and q''. All are
+        NaN where M is singular.
+        """
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by articulated bodies (T5); return a1, alpha1 and q'', NaN where M is singular."""
+        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''). All are NaN
+        where M is singular.
+        """
         steps, base = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
         a = alpha = ZERO_VECTOR
@@ -421,7 +449,9 @@ class Computation:
 
     @functools.cached_property
     def pivots(self) -> tuple[Scalar, ...]:
-        """Pivots of the factored mass matrix, one for each coordinate: 0 where M is singular."""
+        """Tuple of the pivots of the factored mass matrix, one for each coordinate. A pivot is 0 where M is
+        singular.
+        """
         if self.form.mimics:
             return self._solve_mass_matrix((0.0,) * velocity_count(self.form, self.request))[1]
         return tuple(step.pivot for step in self.articulated[0])
@@ -429,7 +459,9 @@ class Computation:
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
     ) -> tuple[tuple[Scalar, ...], ...]:
-        """Return (a + gravity, alpha, q''), all NaN where a pivot of M is no larger than its rounding."""
+        """Return the tuples (a + gravity, alpha, q''). All are NaN where a pivot of M is not larger than its rounding
+        error.
+        """
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
             limits[column] = limits[column] + own * ratio * ratio
@@ -441,7 +473,8 @@ class Computation:
         return tuple(tuple(part + doubt for part in group) for group in groups)
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by the mass matrix M; return a1, alpha1 and q'', NaN where M is singular.
+        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). All are NaN
+        where M is singular.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """
@@ -456,7 +489,7 @@ class Computation:
         return self._nan_where_singular(a, alpha, found[shift:])
 
     def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Return x of M x = loads, and the pivots of the coordinates without those of a free base."""
+        """Solve M x = loads, and return the tuple x and a tuple of the pivots of M, without those of a free base."""
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
         found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
@@ -470,11 +503,13 @@ class Computation:
         return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
 
     def centre_of_mass(self) -> Vector:
-        """Return the centre of mass."""
+        """Return the position of the centre of mass of the robot."""
         return add(self.values["R1"], self.centre_from_base)
 
     def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of the centre of mass by the velocities, row by row."""
+        """Return the Jacobian of the robot's centre of mass with respect to the velocities, as a flat tuple row by
+        row.
+        """
         own = []
         share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
@@ -484,7 +519,9 @@ class Computation:
         return _matrix_rows(self._jacobian_columns(own, base))[: 3 * velocity_count(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
-        """Return the acceleration of the centre of mass where q'' is 0 and a free base has no acceleration."""
+        """Return the acceleration of the robot's centre of mass for q'' = 0 and, if the base is free, for a base
+        without acceleration.
+        """
         turning = (
             self.values["omega1"],
             *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change[::-1]),
@@ -495,7 +532,7 @@ class Computation:
 
     @functools.cached_property
     def body_rates(self) -> list[eq.Rates]:
-        """The (v, omega) of every body in its own axes."""
+        """List of (v, omega) of all bodies, the base first, each in the axes of its body."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
         return self._name_components(
             eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega), ("v", "omega")
@@ -503,31 +540,39 @@ class Computation:
 
     @functools.cached_property
     def momenta(self) -> list[eq.Wrench]:
-        """The momenta P and L of every body about its reference point, own axes."""
+        """List of the linear and angular momentum (P, L) of all bodies, about their reference points and in the axes
+        of each body.
+        """
         return eq.body_momenta(self.base, self.links, self.body_rates)
 
     def kinetic(self) -> Scalar:
-        """Return the kinetic energy."""
+        """Return the kinetic energy of the robot."""
         return eq.kinetic_energy(self.links, self.body_rates, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
-        """Return the potential energy, zero at the world's origin."""
+        """Return the potential energy of the robot, which is zero if the centre of mass is at the world's origin."""
         mass, first, _ = self.composites[0]
         return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
 
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
-        """The momentum P of all bodies, and L about the base's reference point, world axes."""
+        """The linear momentum P of the robot, and its angular momentum L about the base's reference point, world
+        axes.
+        """
         P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
     def angular(self, offset: Vector) -> Vector:
-        """Return the angular momentum L about the point from which `offset` leads to the base's reference point."""
+        """Return the angular momentum of the robot about a point; the vector `offset` leads from the point to the
+        base's reference point.
+        """
         P, L = self.momentum
         return add(L, cross(offset, P))
 
     def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code, such as omega_JOINT; return the values."""
+        """Name the components of every body's values in generated code, such as omega_JOINT, and return the list of
+        values unchanged.
+        """
         for name, parts in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, parts, strict=False):
                 name_components(f"{letter}_{name}", part)
@@ -545,7 +590,9 @@ def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
-    """Take the next numbers of an iterator for each name; return them by name as numbers and tuples."""
+    """Take the next numbers from an iterator, as many as each named shape needs. Return a dictionary of numbers and
+    of tuples of numbers.
+    """
     return {
         name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
         for name, shape in shapes.items()
@@ -553,12 +600,12 @@ def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
 
 
 def _chain_vectors(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
-    """Return the components of vectors, one after the other in one tuple."""
+    """Return the components of all vectors as one flat tuple."""
     return tuple(part for vector in vectors for part in vector)
 
 
 def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
-    """Return the entries of a matrix, row by row, from its columns."""
+    """Return the entries of a matrix, given by its columns, as a flat tuple row by row."""
     return _chain_vectors(zip(*columns, strict=True))
 
 
@@ -600,7 +647,7 @@ _FORWARD_DYNAMICS_INPUT_NAMES = (
 )  # of forward dynamics
 _BIAS_FORCE_INPUT_NAMES = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
 
-OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
+TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "R": Output(_frames_shape(3), ("q", "R1", "S1"), Computation.frame_positions),
     "S": Output(_frames_shape(3, 3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
     "d": Output(_frames_shape(3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
@@ -649,7 +696,7 @@ OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_BASE_AND_GRAVITY_INPUT_SHAPES: Final[Mapping[str, Tail]] = {
+_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, Tail]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
@@ -657,10 +704,12 @@ _BASE_AND_GRAVITY_INPUT_SHAPES: Final[Mapping[str, Tail]] = {
 
 @functools.lru_cache(maxsize=512)
 def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
-    """Return the shape of each input of a request by name, the constants first; cached."""
+    """Return a cached dictionary with the shape of one sample of each input that a request needs, the constants
+    first.
+    """
     names = set()
     for output in request.outputs:
-        own = OUTPUT_BY_NAME[output].inputs
+        own = TREE_OUTPUT_BY_NAME[output].inputs
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
         unknown = ("a1", "alpha1") if request.free and "qdd" not in own else ()
         names |= {name for name in own if name not in unknown}
@@ -668,20 +717,20 @@ def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             tails[name] = (form.dof,)
-    tails |= {name: tail for name, tail in _BASE_AND_GRAVITY_INPUT_SHAPES.items() if name in names}
+    tails |= {name: tail for name, tail in _SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
     return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the outputs of a request by name, for values of any kind of scalar."""
+    """Compute the outputs of a request from values of any kind of scalar, and return them by name."""
     computation = Computation(form, request, values)
-    return {name: OUTPUT_BY_NAME[name].make(computation) for name in request.outputs}
+    return {name: TREE_OUTPUT_BY_NAME[name].make(computation) for name in request.outputs}
 
 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
-    """Return the `Loop` that computes a request over samples; cached by form and request."""
-    outputs = {name: OUTPUT_BY_NAME[name].tail(form, request) for name in request.outputs}
+    """Return the `Loop` that computes a request over samples, cached by form and request."""
+    outputs = {name: TREE_OUTPUT_BY_NAME[name].tail(form, request) for name in request.outputs}
     labels = {
         name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
         for name in ("q", "qd", "qdd", "tau")

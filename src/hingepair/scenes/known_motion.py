@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
-    COORDINATE_COLUMN_NAMES,
+    COLUMN_NAMES_BY_COORDINATE_NAMES,
     COORDINATE_NAMES,
     COORDINATE_PART_NAMES,
     COORDINATE_SPLIT_STEPS,
@@ -77,7 +77,7 @@ class MotionByCoordinates:
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
         """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
-        names = tuple(COORDINATE_COLUMN_NAMES[self._names].values())[order]
+        names = tuple(COLUMN_NAMES_BY_COORDINATE_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:

@@ -14,7 +14,7 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.finite_differences import differentiate, local_fit_residuals, stencils
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.steps import COORDINATE_COLUMN_NAMES, COORDINATE_NAMES
+from hingepair.plans.steps import COLUMN_NAMES_BY_COORDINATE_NAMES, COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
@@ -75,7 +75,9 @@ class LogNoise:
         """Return the motion with random noise of the estimated size added to coordinates and derivatives."""
         columns = []
         for names, *derivatives in zip(
-            zip(*COORDINATE_COLUMN_NAMES[COORDINATE_NAMES].values(), strict=True), *motion.derivatives, strict=True
+            zip(*COLUMN_NAMES_BY_COORDINATE_NAMES[COORDINATE_NAMES].values(), strict=True),
+            *motion.derivatives,
+            strict=True,
         ):
             values = [np.broadcast_to(np.asarray(value, np.float64), self._t.shape)[:, None] for value in derivatives]
             columns.append(

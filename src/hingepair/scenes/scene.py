@@ -23,7 +23,15 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION, POSE, SPATIAL_MOTION, VELOCITY, Kind, check_outputs
+from hingepair.plans.plan import (
+    ACCELERATION,
+    PLANAR_MOTION,
+    POSE,
+    SPATIAL_MOTION,
+    VELOCITY,
+    MotionKind,
+    check_outputs,
+)
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, SampledScene
 from hingepair.scenes.known_motion import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
@@ -215,7 +223,7 @@ class Scene(SampledScene):
         return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> MotionKind:
         """Whether the outputs are those of a plane or of space."""
         return SPATIAL_MOTION if isinstance(self.pair, HingePair) else PLANAR_MOTION
 
