@@ -31,7 +31,9 @@ _MAX_INERTIA_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what 
 
 
 class DynamicsWarning(UserWarning):
-    """Forces or motion may not be what was meant: a mass or an inertia is assumed, or a joint passes its limits."""
+    """Warns that computed forces or motion may not be what was meant: a mass or an inertia is assumed, or a joint
+    passes its limits.
+    """
 
 
 def warn_of_dynamics(sentence: str) -> None:
@@ -44,17 +46,19 @@ def warn_of_dynamics(sentence: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
-    """A solid box: a shape of a body, for its inertia and its picture. Its edges lie along the body's axes, or are
-    turned.
+    """A solid box, one of the shapes of a body. Shapes give a body its inertia and its picture.
 
     Args:
-        size: lengths of its edges along its x, y and z, each above zero [m]; shape (3,).
-        center: its centre from the body's reference point, body axes [m]; shape (3,).
-        axes: rotation whose columns are the directions of its edges, body axes; identity unless given; shape (3, 3).
+        size: lengths of the three edges [m], each above zero; shape (3,).
+        center: vector from the body's reference point to the centre of the box, body axes [m]; shape (3,). By
+            default, the centre is the reference point.
+        axes: rotation matrix whose columns are the directions of the three edges, body axes; shape (3, 3). By
+            default, the edges lie along the body's x, y and z axes.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
-        RotationError: axes is further from a rotation than 1e-9.
+        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
+        RotationError: axes is not a rotation matrix to within 1e-9: an element of axes axes^T differs from that of
+            the identity by more than 2e-9, or the determinant is negative.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -81,16 +85,19 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A solid cylinder along any direction: a shape of a body, for its inertia and its picture.
+    """A solid cylinder, one of the shapes of a body. Shapes give a body its inertia and its picture.
 
     Args:
-        radius: its radius, above zero [m].
-        length: its length along the axis, above zero [m].
-        center: its centre from the body's reference point, body axes [m]; shape (3,).
-        axis: its direction, body axes; of any length; kept at unit length; shape (3,).
+        radius: radius of the cylinder, above zero [m].
+        length: length of the cylinder along its axis, above zero [m].
+        center: vector from the body's reference point to the centre of the cylinder, body axes [m]; shape (3,). By
+            default, the centre is the reference point.
+        axis: direction of the cylinder's axis, body axes; shape (3,). A vector of any non-zero length is scaled to
+            unit length. By default, the axis is the z axis of the body.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
+        AxisError: axis is zero.
 
     >>> import hingepair as hp
     >>> hp.Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
@@ -119,14 +126,15 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A solid sphere: a shape of a body, for its inertia and its picture.
+    """A solid sphere, one of the shapes of a body. Shapes give a body its inertia and its picture.
 
     Args:
-        radius: its radius, above zero [m].
-        center: its centre from the body's reference point, body axes [m]; shape (3,).
+        radius: radius of the sphere, above zero [m].
+        center: vector from the body's reference point to the centre of the sphere, body axes [m]; shape (3,). By
+            default, the centre is the reference point.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
 
     >>> import hingepair as hp
     >>> hp.Sphere(radius=0.5)
@@ -148,27 +156,30 @@ Shape: TypeAlias = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Body(Frozen):
-    """Mass properties and shapes of one body: for its dynamics and for exports; the kinematics do not depend on them.
+    """Mass properties and shapes of one body. Dynamics and exports use them; kinematics do not depend on them.
 
     Args:
-        mass: mass of the body, above zero [kg]; unless given, 1 kg, of which dynamics warns.
-        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,).
-            Unless given, the reference point, or the centre of the shapes where inertia is not given either. That of
-            a robot is `Mechanism.centre_of_mass`.
-        inertia: inertia about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal
-            moments, shape (3,). The principal moments are above zero, and none is above the sum of the other two. An
-            excess of up to 1e-3 of the sum of all three, as rounded moments of a flat body have it, is used as given,
-            with a `DynamicsWarning`. Unless given, the inertia of the shapes, or else that of a radius of gyration of
-            0.1 m, of which dynamics warns.
-        shapes: Box, Cylinder and Sphere objects, which a viewer draws. They also give the centre of mass and the
-            inertia that are not given, at one density; where shapes overlap, mass counts twice. Unless given, an arm
-            to the hinge and half a hinge are drawn.
+        mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
+            dynamics issue a `DynamicsWarning`.
+        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). If
+            neither this nor the inertia is given and there are shapes, it is the centre of mass of the shapes.
+            Otherwise the default is the reference point.
+        inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
+            moments about the body's x, y and z axes, shape (3,). All principal moments must be above zero, and none
+            may exceed the sum of the other two. If rounding makes one exceed it by up to 1e-3 of the sum of all
+            three, as can happen for a flat body, it is used as given, with a `DynamicsWarning`. If no inertia is
+            given, it is computed from the shapes. If there are no shapes either, a radius of gyration of 0.1 m is
+            assumed, and the methods that compute dynamics issue a `DynamicsWarning`.
+        shapes: Box, Cylinder and Sphere objects. Viewers draw them. They also determine the inertia and the centre
+            of mass as said above: all shapes have the same density, and where they overlap, the mass counts twice. A
+            body without shapes is drawn as an arm to the hinge and half a hinge.
 
-    `dataclasses.replace(body, mass=3)` gives a body of another mass. What was not given for `body` - an inertia that
-    comes from its shapes, say - is computed again for the new one; what was given stays.
+    `dataclasses.replace(body, mass=3)` returns a body of another mass. Values that were not given for `body`, such as
+    an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
 
     Raises:
-        ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or no rigid body can have it; the error names
+            the argument.
 
     >>> import hingepair as hp
     >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
@@ -216,7 +227,10 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences that say which mass or inertia dynamics assumes because none was given; empty otherwise."""
+        """Messages about the mass and the inertia that were not given and for which dynamics uses a default.
+
+        A tuple of str; empty if there are none.
+        """
         sentences = []
         if "mass" in self._computed:
             sentences.append(

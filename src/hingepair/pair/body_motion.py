@@ -24,27 +24,29 @@ MOTION_SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class BodyMotion(Frozen):
-    """Position, attitude and derivatives of one body, at one or many samples; world axes, classical accelerations.
+    """Position, attitude, velocities and accelerations of one body, at one or many samples, in world axes.
 
-    Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast. Arrays of JAX,
-    PyTorch and other libraries stay what they are; that S is a rotation is not checked then. Of Dask arrays it is
-    checked in every chunk, when the chunk is computed.
+    The arrays are not copied; the attributes are read-only views of them. Their leading shapes broadcast. Arrays of
+    JAX, PyTorch and other libraries are kept as they are, without a check that S holds rotations. A Dask array S is
+    checked chunk by chunk when the chunks are computed.
 
     Args:
-        R: reference point [m]; shape (..., 3).
-        S: rotation, body to world; shape (..., 3, 3). Without one the body is a point, of which no attitude was
-            measured: `fit` takes it as body 2, and what needs an attitude refuses it.
+        R: position of the body's reference point [m]; shape (..., 3).
+        S: rotation matrix from body axes to world axes; shape (..., 3, 3). If S is not given, the body is a point
+            whose attitude was not measured: `fit` accepts it as body 2, and functions that need an attitude raise an
+            ArgumentError.
         v: velocity of the reference point [m/s]; shape (..., 3).
         omega: angular velocity [rad/s]; shape (..., 3).
-        a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+        a: acceleration of the reference point, the second time derivative of R [m/s^2]; shape (..., 3).
         alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
     Attributes:
-        shape: the common leading shape.
+        shape: the common leading shape of the arrays; () for one sample.
 
     Raises:
-        RotationError: a finite S is further from a rotation than 1e-9 (float32: 1e-5).
-        ShapeError, DtypeError: an array cannot be used.
+        RotationError: a finite S is not a rotation matrix to within 1e-9 (1e-5 in float32): an element of S S^T
+            differs from that of the identity by more than twice this, or the determinant is negative.
+        ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
 
     >>> import hingepair as hp
     >>> hp.BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
@@ -91,10 +93,18 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
+        """Return a BodyMotion whose attitude is given as quaternions, scalar last (Pinocchio, SciPy, ROS).
 
-        quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
-        as in `BodyMotion`.
+        Each element of S has an error of at most 6 u, where u = 2^-53.
+
+        Args:
+            R: as for `BodyMotion`; likewise v, omega, a and alpha.
+            quat_xyzw: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
+                non-zero length.
+            v: velocity of the reference point [m/s].
+            omega: angular velocity [rad/s].
+            a: acceleration of the reference point [m/s^2].
+            alpha: angular acceleration [rad/s^2].
 
         Raises:
             RotationError: a quaternion is zero.
@@ -119,10 +129,18 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion with the attitude of quaternions, scalar first (MuJoCo).
+        """Return a BodyMotion whose attitude is given as quaternions, scalar first (MuJoCo).
 
-        quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u (u = 2^-53); the rest
-        as in `BodyMotion`.
+        Each element of S has an error of at most 6 u, where u = 2^-53.
+
+        Args:
+            R: as for `BodyMotion`; likewise v, omega, a and alpha.
+            quat_wxyz: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
+                non-zero length.
+            v: velocity of the reference point [m/s].
+            omega: angular velocity [rad/s].
+            a: acceleration of the reference point [m/s^2].
+            alpha: angular acceleration [rad/s^2].
 
         Raises:
             RotationError: a quaternion is zero.
@@ -147,10 +165,17 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion with the attitude of rotation vectors, axis times angle.
+        """Return a BodyMotion whose attitude is given as rotation vectors (unit axis times angle).
 
-        rotvec: body to world [rad]; shape (..., 3). S is right to 6 u (u = 2^-53) up to an angle of 1e15;
-        the rest as in `BodyMotion`.
+        Each element of S has an error of at most 6 u, where u = 2^-53, for angles up to 1e15.
+
+        Args:
+            R: as for `BodyMotion`; likewise v, omega, a and alpha.
+            rotvec: rotation vectors from body axes to world axes [rad]; shape (..., 3).
+            v: velocity of the reference point [m/s].
+            omega: angular velocity [rad/s].
+            a: acceleration of the reference point [m/s^2].
+            alpha: angular acceleration [rad/s^2].
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0

@@ -84,20 +84,20 @@ def _outputs_from_both_bodies(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivities(Frozen):
-    """Derivatives of d = R2 - R1, S2, v2, omega2 by u1, u2, n, psi, as arrays; `d_by_u1` is that of d by u1. World
-    axes, read-only.
+    """Derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and psi, as read-only arrays in world
+    axes. For example, `d_by_u1` is the derivative of d with respect to u1.
 
-    The last axis is the component of what is varied (none for psi): where u1 changes by a small du, d changes by
-    d_by_u1 @ du. Those of v2 and omega2 are None where rates were not given; those of S2 by u1 and u2 and of omega2
-    by u1, u2 and psi are zero. n stays at unit length: its change is that of n / abs(n), so the derivative along n
-    itself is zero.
+    The last axis is the component of u1, u2 or n: if u1 changes by a small du, d changes by d_by_u1 @ du. Derivatives
+    with respect to psi do not have this axis. Derivatives of v2 and omega2 are None if psid was not given. Some
+    derivatives are always zero and not listed: those of S2 with respect to u1 and u2, and those of omega2 with
+    respect to u1, u2 and psi. n is scaled to unit length, so the derivative with respect to a change along n is zero.
 
     Attributes:
         d_by_u1: (..., 3, 3).
         d_by_u2: (..., 3, 3).
         d_by_n: (..., 3, 3) m.
         d_by_psi: (..., 3) m/rad.
-        S2_by_n: (..., 3, 3, 3); [..., i, j, k] is that of S2[i, j] by n[k].
+        S2_by_n: (..., 3, 3, 3); element [..., i, j, k] is the derivative of S2[i, j] with respect to n[k].
         S2_by_psi: (..., 3, 3).
         v2_by_u1: (..., 3, 3) 1/s.
         v2_by_u2: (..., 3, 3) 1/s.

@@ -53,10 +53,11 @@ class Forces(NamedTuple):
     """Forces and torques that a motion of the pair requires (D5).
 
     Attributes:
-        force1: force on body 1 at R1, world axes [N]; shape (..., 3).
-        torque1: torque on body 1 about R1, world axes [N m]; shape (..., 3).
-        hinge_torque: torque about the hinge axis, of body 1 on body 2, by motor, spring, damper, friction and stops
-            together [N m]; shape (...).
+        force1: force that must act on body 1 at R1, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
+        torque1: torque that must act on body 1 about R1, world axes [N m]; shape (..., 3), or (...,) for a planar
+            pair.
+        hinge_torque: torque that body 1 must exert on body 2 about the hinge axis [N m]; shape (...,). It is the sum
+            of motor, spring, damper, friction and stops.
     """
 
     force1: FloatArray
@@ -68,12 +69,13 @@ class Forces(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of the pair under its loads (D6).
+    """Accelerations of a pair that forces and torques cause (D6).
 
     Attributes:
-        a1: acceleration of body 1's reference point, world axes, classical [m/s^2]; shape (..., 3).
+        a1: acceleration of body 1's reference point, the second time derivative of R1, world axes [m/s^2]; shape
+            (..., 3).
         alpha1: angular acceleration of body 1, world axes [rad/s^2]; shape (..., 3).
-        psidd: acceleration of the hinge angle [rad/s^2]; shape (...).
+        psidd: second time derivative of the hinge angle [rad/s^2]; shape (...,).
     """
 
     a1: FloatArray
@@ -88,11 +90,12 @@ class HingeWrench(NamedTuple):
     """Wrench that body 1 exerts on body 2 at the hinge point (D3, D4).
 
     Attributes:
-        force: force at the hinge point, world axes [N]; shape (..., 3).
-        torque: torque about the hinge point, world axes [N m]; shape (..., 3).
-        hinge_torque: the part of the torque about the hinge axis, by motor, spring, damper, friction and stops
-            together [N m]; shape (...).
-        bearing_torque: the rest of the torque, across the axis, which the bearing carries [N m]; shape (..., 3).
+        force: force at the hinge point, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
+        torque: torque about the hinge point, world axes [N m]; shape (..., 3), or (...,) for a planar pair.
+        hinge_torque: component of the torque along the hinge axis [N m]; shape (...,). It is the sum of motor,
+            spring, damper, friction and stops.
+        bearing_torque: part of the torque perpendicular to the hinge axis, which the bearing carries, world axes
+            [N m]; shape (..., 3), or (...,) for a planar pair.
     """
 
     force: FloatArray
@@ -108,8 +111,8 @@ class Energy(NamedTuple):
     """Kinetic and potential energy of the pair (D7).
 
     Attributes:
-        kinetic: kinetic energy of both bodies [J]; shape (...).
-        potential: potential energy of both bodies in uniform gravity, zero at the world's origin [J]; shape (...).
+        kinetic: kinetic energy of both bodies [J]; shape (...,).
+        potential: potential energy of both bodies in uniform gravity, zero at the world's origin [J]; shape (...,).
     """
 
     kinetic: FloatArray
@@ -123,8 +126,9 @@ class Momentum(NamedTuple):
     """Linear and angular momentum of the pair (D8).
 
     Attributes:
-        linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3).
-        angular: angular momentum of both bodies about the world's origin, world axes [kg m^2/s]; shape (..., 3).
+        linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3), or (..., 2) for a planar pair.
+        angular: angular momentum of both bodies about the world's origin, world axes [kg m^2/s]; shape (..., 3), or
+            (...,) for a planar pair.
     """
 
     linear: FloatArray

@@ -24,29 +24,34 @@ _SCALAR_CODE_ERROR_TEXTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
-    """Torque at the hinge from motor, spring, damper, friction and stops; a `hinge_torque` for `simulate`.
+    """Torque at the hinge from motor, spring, damper, friction and stops, as `hinge_torque` of `simulate`.
 
-    torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'), and delta beyond a stop
-    stop_stiffness delta (1 + stop_damping delta') back, or 0 where that would pull (Hunt and Crossley). At psi' = 0
-    friction holds the hinge in `simulate` as long as no more than `friction` is needed for it.
+    torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a stop by the angle
+    delta, the stop adds a torque of size stop_stiffness delta (1 + stop_damping delta') that pushes back, or 0 if
+    this formula is negative (the contact model of Hunt and Crossley). If psi' = 0, `simulate` keeps the hinge at rest
+    as long as this needs a friction torque of at most `friction`.
 
     Args:
         stiffness: stiffness of the spring [N m/rad].
-        rest: hinge angle where the spring is slack [rad].
+        rest: hinge angle at which the spring exerts no torque [rad].
         damping: coefficient of the damper [N m s/rad].
         friction: torque of dry friction [N m].
-        friction_rate: None: friction sticks and slips. A rate [rad/s]: friction is friction tanh(psi' /
-            friction_rate) instead, which has no jump, and lets what it holds creep.
-        stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
-        stop_stiffness: stiffness of the stops, which are springs [N m/rad].
-        stop_damping: damping of these springs [s/rad]; with 0 the hinge leaves a stop as fast as it came; see
-            `restitution`.
-        stop_restitution: None: stops are springs. From 0 to 1: stops are rigid in `simulate`, and the hinge leaves
-            one with this share of the rate at which it came.
-        motor: torque of the motor, which is added [N m]: a number, or a callable of arrays (t, psi, psid).
+        friction_rate: None, or a hinge rate above 0 [rad/s]. With None, friction sticks and slips, as above. With a
+            rate, the torque is -friction tanh(psi' / friction_rate), which is smooth, but under a load the hinge
+            creeps instead of sticking.
+        stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). By default, there are no
+            stops.
+        stop_stiffness: stiffness of the stops, if they are springs [N m/rad].
+        stop_damping: damping of the stops, if they are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
+            arrived; `restitution` says how fast it leaves with other values.
+        stop_restitution: None, or a number from 0 to 1. With None, the stops are springs. With a number, the stops
+            are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived.
+        motor: torque of the motor [N m]: a number; a callable that takes arrays (t, psi, psid) and returns an array;
+            or another HingeLoad, whose torque is added.
 
     Raises:
-        ArgumentError: a value is not finite or below 0; names it.
+        ArgumentError: a value is not finite, a value other than rest, stops and motor is negative, or the values
+            contradict each other; the error names the argument.
 
     >>> import hingepair as hp
     >>> spring = hp.HingeLoad(stiffness=10, damping=0.5)
@@ -91,12 +96,17 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi, increasing, between which the torque is smooth, that of its motor too."""
+        """Angles psi [rad] of all stops of this load and of HingeLoads that are its motor, as an increasing tuple.
+
+        Between them, the torque is a smooth function of psi.
+        """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi' [rad/s], increasing, at which the torque (its motor's included) has a kink or a jump."""
+        """Rates psi' [rad/s] at which the torque of this load, or of a HingeLoad that is its motor, has a kink or a
+        jump. An increasing tuple.
+        """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
             if load.stops and load.stop_damping:
@@ -105,25 +115,33 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """The friction that sticks and slips, its motor's included [N m]."""
+        """Largest torque of dry friction that sticks and slips [N m], of this load and of HingeLoads that are its
+        motor together.
+        """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
-        """The coefficients of restitution of rigid stops, its motor's included, by their angles [rad]."""
+        """Coefficients of restitution of the rigid stops of this load and of HingeLoads that are its motor, as a dict
+        by the angle of the stop [rad].
+        """
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
         return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """The greatest lower and the least upper rigid stop [rad], its motor's among them; infinite without."""
+        """Largest lower and smallest upper rigid stop [rad] of this load and of HingeLoads that are its motor.
+
+        A pair (lower, upper), -inf or inf if there is no such stop. Stops are rigid if stop_restitution is given.
+        """
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """The greatest lower and the least upper stop [rad], those of its motor included; infinite where there is
-        none.
+        """Largest lower and smallest upper stop [rad] of this load and of HingeLoads that are its motor.
+
+        A pair (lower, upper), -inf or inf if there is no stop.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -132,11 +150,21 @@ class HingeLoad:
         return lower, upper
 
     def restitution(self, rate: float) -> float:
-        """Return the ratio of the rates after and before an impact on a stop at a rate [rad/s], where nothing else
-        acts on the hinge.
+        """Return the ratio of the hinge rates after and before an impact on a stop, if no other torque acts on the
+        hinge.
 
-        Of springs with damping it falls as the rate grows, whatever the inertia: the work of the spring in and out
-        gives c v - ln(1 + c v) = -c w - ln(1 - c w), c the stop_damping, for the rates v in and w out.
+        For rigid stops, this is stop_restitution. For stops that are springs with damping, the ratio w / v decreases
+        as the rate v before the impact grows, and does not depend on the inertia. With c = stop_damping, equal spring
+        deflections on the way in and out give c v - ln(1 + c v) = -c w - ln(1 - c w) for the rate w after the impact.
+
+        Args:
+            rate: hinge rate before the impact [rad/s]; its sign does not matter.
+
+        Returns:
+            The ratio, from 0 to 1.
+
+        Raises:
+            ArgumentError: the rate is not a finite number.
 
         >>> import hingepair as hp
         >>> round(hp.HingeLoad(stops=(0, 1), stop_damping=0.5).restitution(1.0), 4)
@@ -155,25 +183,40 @@ class HingeLoad:
         return float(-np.expm1(-path) / into)
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        """Compute the torque [N m] at instants t [s], hinge angles psi [rad] and rates psid [rad/s], which are floats
+        or arrays.
+        """
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] as it goes on smoothly from the angle and rate `side`, between kinks."""
+        """Compute the torque [N m] with the formula that holds at the angle and rate `side`, continued smoothly
+        beyond the kinks of the torque.
+
+        Solvers use it: within one integration step, a stop or dry friction must not switch on or off.
+
+        Args:
+            side: hinge angle [rad] and rate [rad/s] that select the branch: beyond a stop or not, and the sign of dry
+                friction.
+            t: instants [s]; shape (...,).
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+        """
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the parts of the torque [N m] by name: motor, and spring, damper, friction, stop where there are
-        any.
+        """Compute the parts of the torque [N m]. Return a dict with the key motor, and with spring, damper, friction
+        and stop if this load has such a part.
 
         Args:
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
-            side: angle and rate from which the torque goes on smoothly; psi and psid unless given.
+            side: hinge angle and rate that select the branch of the formulas, as for `smooth`; psi and psid by
+                default.
 
         Returns:
-            The torques by part, whose sum is the torque; those of a HingeLoad that is the motor are added to these.
+            The parts by name; their sum is the torque. If the motor is a HingeLoad, each of its parts is added to the
+            part of the same name.
 
         >>> import hingepair as hp
         >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)

@@ -38,32 +38,35 @@ SAMPLE_SHAPE_BY_ARGUMENT: Final = {**SPATIAL_MOTION.shapes, **dict.fromkeys(("bo
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class HingePair(Shown):
-    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
+    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1); they turn relative to each other about the
+    hinge axis n only (E2).
 
-    Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
-    and home may carry leading axes that broadcast against the samples: then each sample has a pair of its own.
-    `body1`, wherever a method takes it, is the motion of body 1. An argument that cannot be used raises an
-    ArgumentError, which names it.
+    The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
+    another u1. u1, u2, n and home may have leading axes, which broadcast against the samples: then each sample has a
+    pair of its own. In all methods, the argument `body1` is the motion of body 1, a `BodyMotion`. All methods raise
+    an ArgumentError, which names the argument, if an argument cannot be used.
 
     Args:
-        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
-        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (3,) or (..., 3).
-        n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
-        home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
-        name: what the pair is called in exports and messages.
-        limits: least and greatest hinge angle, for exports [rad]; shape (2,). forward_kinematics takes any angle. In
-            `simulate` the limits do not stop the motion; `HingeLoad(stops=pair.limits)` does.
+        u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
+        u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (3,) or (..., 3).
+        n: hinge axis, body-1 axes; shape (3,) or (..., 3). A vector of any non-zero length is scaled to unit length.
+        home: attitude of body 2 relative to body 1 at psi = 0, a rotation matrix (C in E5); shape (3, 3) or
+            (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel at psi = 0.
+        name: name of the pair in exports and messages.
+        limits: smallest and largest hinge angle [rad], for exports; shape (2,). `forward_kinematics` accepts any
+            angle, and `simulate` does not stop the hinge at the limits unless its `hinge_torque` has stops there:
+            `HingeLoad(stops=pair.limits)`.
         body1: mass properties and shapes of body 1, for dynamics, exports and pictures.
-        body2: those of body 2.
-        torque_limit: the largest torque of the hinge's motor, for exports [N m]; URDF calls it effort.
-        rate_limit: the largest hinge rate, for exports [rad/s]; URDF calls it velocity.
-        constants: for `dataclasses.replace`: what the pair before was made of, n as it was given there included, so
-            that what is not replaced keeps its last bits.
+        body2: mass properties and shapes of body 2.
+        torque_limit: largest torque of the hinge's motor [N m], for exports. URDF calls it effort.
+        rate_limit: largest hinge rate [rad/s], for exports. URDF calls it velocity.
+        constants: an internal argument that `dataclasses.replace` passes. With it, values that are not replaced stay
+            the same to the last bit.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; names the argument.
-        AxisError: n is zero.
-        RotationError: home is further from a rotation than 1e-9.
+        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
+        AxisError: n is zero or not finite.
+        RotationError: home is not a rotation matrix to within 1e-9.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -159,27 +162,32 @@ class HingePair(Shown):
         """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
         (E1-E10).
 
-        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
+        The inputs determine the outputs: q alone gives position and attitude; qd adds velocities, and qdd adds
+        accelerations.
 
         Args:
-            q: coordinates [m, rad]; one array of shape (..., 7), or a tuple of seven that broadcast, in which
-                scalars are known constants.
-            qd: their time derivatives, in the same form.
-            qdd: their second time derivatives, in the same form.
-            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1: exactly these
-                are computed. Unless given, all of body 2 that the inputs allow.
-            out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
-            sequence: the Euler sequence of body 1, one of 24 as SciPy writes them; phi_x, phi_y and phi_z are the
-                angles of its first, second and third letter.
-            workers: threads; -1 for one on every core.
-            backend: "numpy", "compiled", or "auto": compiled where it pays.
+            q: coordinates [m, rad]: the position of body 1's reference point, the Euler angles of body 1, and the
+                hinge angle. Either one array of shape (..., 7), or a tuple of seven numbers or arrays that
+                broadcast. A number in the tuple is the same for all samples, which saves computing time.
+            qd: time derivatives of q [m/s, rad/s], in either form.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], in either form.
+            outputs: names of the outputs to compute, out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1,
+                a1, alpha1. By default, all outputs of body 2 that the inputs allow.
+            out: dict of arrays by output name; the results are written into them. Each has the shape of its output
+                and the dtype of the result.
+            sequence: Euler sequence of body 1, one of the 24 that SciPy knows: "XYZ" and other upper-case sequences
+                are intrinsic, lower-case ones extrinsic. phi_x, phi_y and phi_z are the angles of its first, second
+                and third letter.
+            workers: number of threads; -1 for one thread per core.
+            backend: "numpy"; "compiled", which compiles machine code at the first call; or "auto", which compiles
+                if the number of samples makes it worthwhile.
 
         Returns:
-            The state; what the inputs do not give (v2 without qd) is None. float32 where all arrays given are
-            float32, else float64.
+            The state. Outputs that the inputs do not allow, such as v2 without qd, are None. The dtype is float32 if
+            all arrays among the inputs are float32, and float64 otherwise.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it.
+            ArgumentError: an argument cannot be used; the error names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -210,30 +218,40 @@ class HingePair(Shown):
         """Return a Prepared call, planned, checked and compiled once, for loops over single states or small batches.
 
         Args:
-            given: what each call will bring, and its order: "pose" is ("q",), "velocity" ("q", "qd"), "acceleration"
-                ("q", "qd", "qdd"); or names with one attitude of body 1, out of q, qd, qdd, R1, S1, quat_xyzw,
-                quat_wxyz, v1, omega1, a1, alpha1, psi, psid, psidd; for residuals R2, S2, v2, omega2, a2, alpha2 too.
-                Of dynamics, "inverse_dynamics" is ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"), and
-                "forward_dynamics" ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque"); with force1,
-                torque1, hinge_torque, force2 or torque2 among the names, accelerations follow from what acts.
-            outputs: what to compute: the names that forward_kinematics knows; jacobian, acceleration_bias,
-                coordinate_jacobian, coordinate_jacobian_rate; those of `sensitivities` (d_by_u1, ...) and, where body
-                2 is given, of `residuals` and constraints (gap, tilt, psi, constraint_jacobian, ...); of dynamics
-                force1, torque1, hinge_torque, bearing_torque, mass_matrix, kinetic, potential, linear, angular, and
-                under loads a1, alpha1, psidd. Unless given, all of body 2 that the level allows, or what the
-                method of that name gives.
-            sequence: the Euler sequence of body 1.
+            given: which inputs each call of the result will take, and in which order. One of these:
+
+                - "pose", short for ("q",); "velocity", for ("q", "qd"); "acceleration", for ("q", "qd", "qdd");
+                - "inverse_dynamics", for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
+                - "forward_dynamics", for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque");
+                - a tuple of names out of q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid
+                  and psidd; for outputs of two motions also R2, S2, v2, omega2, a2 and alpha2; for forward dynamics
+                  also the loads force1, torque1, hinge_torque, force2 and torque2. Exactly one of the names gives
+                  the attitude of body 1: q, S1, quat_xyzw or quat_wxyz.
+            outputs: names of the outputs to compute, out of:
+
+                - the outputs of `forward_kinematics`;
+                - jacobian, acceleration_bias, coordinate_jacobian and coordinate_jacobian_rate;
+                - the fields of `sensitivities` (d_by_u1, ...);
+                - if S2 is given, the arrays of `residuals` (gap, tilt, psi, ...), constraint_jacobian and
+                  constraint_bias;
+                - force1, torque1, hinge_torque, bearing_torque, mass_matrix, kinetic, potential, linear and angular;
+                - if a load is given, the accelerations a1, alpha1 and psidd.
+
+                By default, the results of inverse or forward dynamics if `given` asks for them, and otherwise all
+                outputs of body 2 that the inputs allow.
+            sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            workers: threads; -1 for one on every core.
-            backend: "auto" and "compiled" compile here and now; "numpy" never does.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto" and "compiled" compile machine code before this method returns; "numpy" never compiles.
 
         Returns:
-            A callable of the arrays in the order of `given`, and `out=`, that gives a `PairState`; all broadcast.
-            What has no attribute of its own is `state["gap"]`. `.source` is the Python code that was generated,
-            `.llvm` the LLVM code.
+            A callable. It takes the inputs in the order of `given`, which broadcast, and optionally `out=`, a dict of
+            arrays to write into; it returns a `PairState`. Outputs that are not attributes of a PairState are read
+            by name, such as `state["gap"]`. The attribute `source` of the callable is the generated Python code,
+            `llvm` the LLVM code.
 
         Raises:
-            ArgumentError: an unknown name, or an output that needs more than is given; names it.
+            ArgumentError: a name is unknown, or an output needs an input that is not given; the error names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -262,8 +280,18 @@ class HingePair(Shown):
         """Compute the PairState of body 2 from the motion of body 1 and the hinge angle, without Euler angles (E1,
         E2, E5-E9).
 
-        The level follows psi, psid, psidd [rad, rad/s, rad/s^2]: shape (...,), right hand about n; they broadcast
-        against body1, which has as many derivatives as the outputs need. All else is as for `forward_kinematics`.
+        The outputs follow psi, psid and psidd as they follow q, qd and qdd in `forward_kinematics`: velocities need
+        psid and accelerations psidd, and body1 must have v and omega, and a and alpha, accordingly.
+
+        Args:
+            body1: the motion of body 1.
+            psi: hinge angle, right-handed about n [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,).
+            psidd: second time derivative of psi [rad/s^2]; shape (...,).
+            outputs: as for `forward_kinematics`; likewise out, workers and backend.
+            out: dict of arrays by output name to write the results into.
+            workers: number of threads.
+            backend: "auto", "numpy" or "compiled".
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -288,18 +316,19 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample;
-        arrays by output.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
+        Return a dict of arrays by output name.
 
-        Exact is what the equations say of the coordinates and of u1, u2, n (of any length) and home, all as they were
-        given. The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the
-        last place. Actual errors are a third of them at most, but for motion with few roundings.
+        The error is the difference from the exact result of the equations for the coordinates, u1, u2, n (before it
+        is scaled to unit length) and home exactly as given. The bounds are rigorous for both backends if sines and
+        cosines are accurate to 1.5 units in the last place. Actual errors are usually at most a third of the bounds;
+        they can come closer if only few operations round.
 
-        Arguments are those of `forward_kinematics`.
+        The arguments are those of `forward_kinematics`.
 
         Returns:
-            By output, the bound on the error of its largest component, in the output's unit; shape (...,). Infinite
-            where numbers overflow, or are none.
+            For each output, a bound on the error of every component, in the unit of the output; shape (...,). The
+            bound is infinite where a number overflows or an input is NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -320,12 +349,12 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1; arrays
-        by output.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1, at
+        every sample. Return a dict of arrays by output name.
 
-        As `error_bounds`, of the arguments of `forward_kinematics_from_body1`. Exact is what E1, E2 and E5 to E9 say
-        of this motion as it stands in body1: what was rounded before, in making S from a quaternion, say, is not
-        counted.
+        The arguments are those of `forward_kinematics_from_body1`, the result is as for `error_bounds`. The error is
+        the difference from the exact result of the equations for the arrays in body1 as they are. Rounding errors in
+        these arrays, for instance from a conversion of quaternions to S, do not count.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -340,13 +369,20 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
-        S of body1 is used; psi [rad], shape (...,), broadcasts against it. M is symmetric, in world axes and about
-        R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
+        bias holds the forces and torques that velocities and gravity require.
+
+        Args:
+            body1: the motion of body 1; only S is used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+
+        Returns:
+            M, a symmetric matrix in world axes, with torques about R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -370,20 +406,23 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Forces:
-        """Compute the Forces: those on body 1 and the torque at the hinge that move the pair as given (D1-D5).
+        """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
+        (D1-D5).
 
         Args:
-            body1: the motion of body 1, of which S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise the next two.
-            psid: its time derivative [rad/s].
-            psidd: its second time derivative [rad/s^2].
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            body1: the motion of body 1; S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1, as do psid and psidd.
+            psid: time derivative of psi [rad/s]; shape (...,).
+            psidd: second time derivative of psi [rad/s^2]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            force1 [N], torque1 about R1 and hinge_torque [N m].
+            The Forces, with the attributes force1 [N] and torque1 [N m], which must act on body 1 at R1, world axes,
+            shape (..., 3); and hinge_torque [N m], which body 1 exerts on body 2 about the hinge axis, shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -416,26 +455,28 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """Compute the Accelerations of the pair under its loads (D6).
+        """Compute the Accelerations of the pair that given forces and torques cause (D6).
+
+        The arrays broadcast against each other. Instead of an array, a force or torque may be the number 0.
 
         Args:
-            body1: the motion of body 1, of which S and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise all that follows.
-            psid: its time derivative [rad/s].
-            force1: on body 1 at R1, world axes [N]; shape (..., 3), or the number 0; likewise the other forces and
-                torques.
-            torque1: on body 1, world axes [N m].
-            hinge_torque: of body 1 on body 2 about the hinge axis [N m]; shape (...,).
-            force2: on body 2 at R2, world axes [N].
-            torque2: on body 2, world axes [N m].
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            body1: the motion of body 1; only S and omega are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: time derivative of psi [rad/s]; shape (...,).
+            force1: force on body 1 at R1, world axes [N]; shape (..., 3).
+            torque1: torque on body 1, world axes [N m]; shape (..., 3).
+            hinge_torque: torque of body 1 on body 2 about the hinge axis [N m]; shape (...,).
+            force2: force on body 2 at R2, world axes [N]; shape (..., 3).
+            torque2: torque on body 2, world axes [N m]; shape (..., 3).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            a1 [m/s^2], alpha1 and psidd [rad/s^2].
+            The Accelerations, with the attributes a1 [m/s^2] and alpha1 [rad/s^2] of body 1, world axes, shape
+            (..., 3), and psidd [rad/s^2], shape (...,).
 
         Raises:
-            ArgumentError: also where a body of the pair has no mass properties, or those leave a motion without
-                resistance.
+            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the inertia
+                against one of the motions is zero, so that no acceleration follows.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -463,11 +504,19 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> HingeWrench:
-        """Compute the HingeWrench of body 1 on body 2 at the hinge point (D3, D4). Body 2 alone needs mass
-        properties.
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
+        Only body 2 needs mass properties.
 
-        Arguments are those of `inverse_dynamics`. The result has the force [N], the torque about the hinge
-        point [N m] and the two parts of the torque, hinge_torque and bearing_torque.
+        The arguments are those of `inverse_dynamics`.
+
+        Returns:
+            The HingeWrench, with the attributes force [N] and torque [N m] (about the hinge point), world axes, shape
+            (..., 3), and the two parts of the torque: hinge_torque, the component along the hinge axis, shape
+            (...,), and bearing_torque, the part perpendicular to the axis, shape (..., 3).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
+                or the body.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -488,14 +537,21 @@ class HingePair(Shown):
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair (D7); body 1 counts where it has mass properties.
+        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count.
 
-        R, S, v and omega of body1 are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
-        as for `inverse_dynamics`. The result has the attributes kinetic and
-        potential [J].
+        Args:
+            body1: the motion of body 1; R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+
+        Returns:
+            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is that in
+            the gravity field; it is zero at the world's origin.
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
+                or the body.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -517,8 +573,14 @@ class HingePair(Shown):
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
         """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
 
-        Arguments are those of `energy`. The result has the attributes linear [kg m/s] and angular
-        [kg m^2/s].
+        The arguments are those of `energy`. Both bodies need mass properties.
+
+        Returns:
+            The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -542,28 +604,33 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute the Residuals of two motions: how far they violate this hinge, beside tolerances (E1, E2 and their
-        derivatives).
+        """Compute the Residuals of two motions: by how much they violate the hinge constraints E1 and E2 and their
+        time derivatives, compared with tolerances.
 
         Args:
             body1: the motion of body 1.
-            body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
-                also have alpha (and a).
-            tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
-                [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
-                explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
-                `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis flipped by pi.
-            t: instants of the samples, numbers or datetime64, so that the report says when; broadcasts against them.
+            body2: the motion of body 2. The rates of the constraints are compared if both motions have omega (and v,
+                for the gap), their accelerations if both also have alpha (and a).
+            tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
+                gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The gap
+                is the distance between the hinge points of both bodies, the tilt the angle between their hinge axes,
+                in [0, pi]. The default tolerance of a residual covers rounding errors: 32 u times a scale, which the
+                report prints, where u is 2^-53 in double precision.
+            t: instants of the samples, numbers or datetime64, for the report; broadcasts against the samples.
 
         Returns:
-            The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; and the arrays that it lists,
-            `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.psi` (...,) rad and others. Samples that are not finite are
-            left out and counted. Of Dask arrays a `LazyResiduals`: these arrays, lazy, and `.ratio` (...,), the
-            largest residual / tolerance of each sample. Its `.compute()` returns the `Residuals` in memory, and
-            `.compute_summary()` those whose arrays stay Dask arrays, for motions larger than memory.
+            The `Residuals`. `.ok` says whether all residuals are within their tolerances, `.verdict` says it in one
+            line, `str()` gives a table, `.rows` its rows and `.to_json()` JSON. The residuals at every sample are
+            arrays such as `.gap` (..., 3) [m] and `.tilt_angle` (...,) [rad]; `.psi` (...,) [rad] is the hinge angle.
+            Samples that are not finite are left out, and the report counts them.
+
+            If the motions hold Dask arrays, the result is a `LazyResiduals`: it has the same arrays as Dask arrays,
+            and `.ratio` (...,), the largest residual / tolerance of each sample. Its `.compute()` returns the
+            `Residuals` in memory. Its `.compute_summary()` returns `Residuals` whose arrays stay Dask arrays, for
+            motions larger than memory.
 
         Raises:
-            ArgumentError: also where a tolerance is of rates that the motions lack.
+            ArgumentError: an argument cannot be used, or a tolerance is given for rates that the motions do not have.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -586,10 +653,16 @@ class HingePair(Shown):
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') from body1 and psi (E8, E2).
+        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
 
-        S of body1 is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
-        By the rates of q it is `coordinate_jacobian(q)`.
+        `coordinate_jacobian` computes the Jacobian with respect to qd, the time derivatives of the coordinates.
+
+        Args:
+            body1: the motion of body 1; only S is used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+
+        Returns:
+            The Jacobian Jac, in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -602,10 +675,18 @@ class HingePair(Shown):
         return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-        """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
+        """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that
+        is caused by velocities (E9).
 
-        S and omega of body1 are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it. The bias is in
-        world axes; shape (..., 6).
+        Jac is the result of `jacobian`.
+
+        Args:
+            body1: the motion of body 1; only S and omega are used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,).
+
+        Returns:
+            The bias [m/s^2, rad/s^2], in world axes; shape (..., 6).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -619,9 +700,15 @@ class HingePair(Shown):
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
     def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
-        """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4).
+        """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven
+        coordinates q (E8, E2, E4).
 
-        The coordinates and the sequence are those of `forward_kinematics`. Jq is in world axes; shape (..., 6, 7).
+        Args:
+            q: coordinates [m, rad], as for `forward_kinematics`.
+            sequence: Euler sequence of body 1, as for `forward_kinematics`.
+
+        Returns:
+            The Jacobian Jq, in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -636,9 +723,17 @@ class HingePair(Shown):
     def coordinate_jacobian_rate(
         self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
     ) -> FloatArray:
-        """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
+        """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns (E9).
 
-        The coordinates and the sequence are those of `forward_kinematics`. Jq' is in world axes; shape (..., 6, 7).
+        With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd.
+
+        Args:
+            q: coordinates [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], as for `forward_kinematics`.
+            sequence: Euler sequence of body 1, as for `forward_kinematics`.
+
+        Returns:
+            The time derivative Jq', in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -652,12 +747,19 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-        """Compute the Sensitivities: derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2
-        are those of d.
+        """Compute the Sensitivities: the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2,
+        E5-E8). The derivatives of R2 are equal to those of d.
 
-        S of body1 is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
-        Without psid, v2 and omega2 have none. The `Sensitivities` say the shape and unit of each, such as `.d_by_u1`
-        (..., 3, 3); the last axis is the component of what is varied.
+        Args:
+            body1: the motion of body 1; only S is used, and omega if psid is given.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,). If it is not given, the derivatives of v2 and omega2
+                are None.
+
+        Returns:
+            The Sensitivities, an object with an attribute for each derivative, such as d_by_u1, shape (..., 3, 3),
+            for that of d with respect to u1. The last axis is the component of u1, u2 or n; derivatives with respect
+            to psi do not have it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -680,18 +782,28 @@ class HingePair(Shown):
         home_std: ArrayLike = 0.0,
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
-        """Compute the PoseCovariance that tolerances of the geometry cause in R2 and body 2's attitude, to first
-        order (E5, E7).
+        """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
+        home cause, to first order (E5, E7).
 
-        S of body1 is used; psi [rad], shape (...,), broadcasts against it. The standard deviations, or the
-        covariance of a fit, are those of `hingepair.sample_pairs`, which shows how far the first order holds.
+        Give either standard deviations or a covariance. `hingepair.sample_pairs` draws random pairs with the same
+        tolerances, which shows whether the first order is accurate enough.
+
+        Args:
+            body1: the motion of body 1; only S is used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            u1_std: standard deviation of u1 [m], as for `sample_pairs`.
+            u2_std: standard deviation of u2 [m], as for `sample_pairs`.
+            axis_std: standard deviation of the direction of the hinge axis [rad], as for `sample_pairs`.
+            home_std: standard deviation of home [rad], as for `sample_pairs`.
+            covariance: covariance of u1, u2, n and home, shape (12, 12), such as `HingeFit.covariance`.
 
         Returns:
-            The `PoseCovariance`: `.R2_std` (..., 3) m, `.attitude_std` (..., 3) rad, the covariances `.R2` and
-            `.attitude` (..., 3, 3), and `.contributions()`: the variances by the dimension that causes them.
+            The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
+            (..., 3), and the covariances R2 and attitude, shape (..., 3, 3). Its method contributions() returns the
+            variances that each dimension alone causes.
 
         Raises:
-            ArgumentError: an argument cannot be used, or nothing scatters; names it.
+            ArgumentError: an argument cannot be used, or all standard deviations are 0; the error names the argument.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -709,10 +821,18 @@ class HingePair(Shown):
         """Compute the 5 x 12 Jacobian G of the hinge constraints, for solvers of differential-algebraic equations
         (E1, E2).
 
-        The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
-        where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
-        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2), world axes; shape
-        (..., 5, 12). Of both bodies, S is used.
+        The five constraints are gap = 0 and tilt = 0. gap = R1 + S1 u1 - R2 - S2 u2 has three components in world
+        axes [m]. tilt has two: the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2. Here C is `home`, e1 is the
+        coordinate axis of body 1 that is furthest from n, made perpendicular to n, and e2 = n x e1. G gives their
+        exact time derivatives, (gap', tilt') = G @ (v1, omega1, v2, omega2), also for motions that violate the
+        constraints.
+
+        Args:
+            body1: the motion of body 1; only S is used.
+            body2: the motion of body 2; only S is used.
+
+        Returns:
+            The Jacobian G, for velocities in world axes; shape (..., 5, 12).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -726,10 +846,18 @@ class HingePair(Shown):
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the velocity part of the constraints' second derivative (E1, E2), an array of shape (..., 5).
+        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, the part of the constraints'
+        second time derivatives that is caused by velocities (E1, E2).
 
-        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, world axes, shape (..., 5); zero for motions of the
-        pair. Of both bodies, S and omega are used.
+        `constraint_jacobian` explains gap and tilt and returns G. For motions that the hinge allows, gap'' and tilt''
+        are zero; the bias in general is not.
+
+        Args:
+            body1: the motion of body 1; only S and omega are used.
+            body2: the motion of body 2; only S and omega are used.
+
+        Returns:
+            The bias [m/s^2, rad/s^2]; shape (..., 5).
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -46,20 +46,21 @@ _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
 class PlanarPair(Shown):
     """Two bodies in a plane joined by a pin: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
-    The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only;
-    `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1 and u2 may carry leading axes that broadcast
-    against the samples.
+    It corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of body 1
+    and body 2 about z, psi is the hinge angle. The values are copied, and the attributes are read-only.
+    `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1 and u2 may have leading axes, which
+    broadcast against the samples: then each sample has a pair of its own.
 
     Args:
-        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
-        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (2,) or (..., 2).
-        name: what the pair is called in exports and messages.
-        body1: mass properties and shapes of body 1: a `Body`, as in space, of whose inertia dynamics takes what
-            resists turns about z, and of whose centre of mass x and y.
-        body2: those of body 2.
+        u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (2,) or (..., 2).
+        u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (2,) or (..., 2).
+        name: name of the pair in exports and messages.
+        body1: mass properties and shapes of body 1, a spatial `Body`. Dynamics uses only its mass, its moment of
+            inertia about z, and the x and y of its centre of mass.
+        body2: mass properties and shapes of body 2, likewise.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -123,8 +124,26 @@ class PlanarPair(Shown):
     ) -> PlanarState:
         """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11).
 
-        As `HingePair.forward_kinematics`, without a sequence: q, qd and qdd are arrays of shape (..., 4), or tuples
-        of four that broadcast [m, rad]; the outputs are R2, d, v2, a2 (..., 2) and phi2, omega2, alpha2 (...,).
+        The inputs determine the outputs: q alone gives position and attitude; qd adds velocities, and qdd adds
+        accelerations.
+
+        Args:
+            q: coordinates [m, rad]: the position of body 1's reference point, the angle of body 1, and the hinge
+                angle. Either one array of shape (..., 4), or a tuple of four numbers or arrays that broadcast.
+            qd: time derivatives of q [m/s, rad/s], in either form.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], in either form.
+            outputs: names of the outputs to compute, out of R2, d, v2 and a2, shape (..., 2), and phi2, omega2 and
+                alpha2, shape (...,). By default, all that the inputs allow.
+            out: dict of arrays by output name to write the results into, as for `HingePair.forward_kinematics`;
+                likewise workers and backend.
+            workers: number of threads.
+            backend: "auto", "numpy" or "compiled".
+
+        Returns:
+            The state. Outputs that the inputs do not allow, such as v2 without qd, are None.
+
+        Raises:
+            ArgumentError: an argument cannot be used; the error names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -149,10 +168,10 @@ class PlanarPair(Shown):
         qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample;
-        arrays by output.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
+        Return a dict of arrays by output name.
 
-        The arguments are those of `forward_kinematics`; the bounds are those of `HingePair.error_bounds`.
+        The arguments are those of `forward_kinematics`. `HingePair.error_bounds` explains the bounds.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -164,8 +183,11 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """Return the same pair in space as a HingePair with n = e_z. The plane is z = 0, so that gravity in the plane
-        is (0, -9.81, 0).
+        """Return this pair as a HingePair with n = (0, 0, 1), whose plane of motion is z = 0. Its bodies are those of
+        this pair, unchanged.
+
+        The gravity (0, -9.81) of a planar pair is (0, -9.81, 0) for the result; the default gravity of a HingePair
+        points along -z.
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -174,11 +196,12 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return the HingePair in space that has the dynamics of the plane: centres of mass moved into the plane,
-        equal principal moments.
+        """Return a HingePair with the same dynamics as this planar pair: its centres of mass are moved to z = 0, and
+        all three principal moments of a body are set to its moment of inertia about z. The HingePair is kept, and
+        later calls return it again.
 
-        Forces in the plane then have the results of the plane, and no torque arises across it. `to_spatial` keeps
-        the bodies as they are, with their centres of mass off the plane and their products of inertia.
+        In-plane forces cause the same motion in it as in the planar pair, and the hinge carries no torque about axes
+        in the plane. With `to_spatial`, centres of mass off the plane and products of inertia can cause such torques.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
@@ -198,15 +221,19 @@ class PlanarPair(Shown):
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
-        """Compute the mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M in M @ (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
-        The coordinates are those of `forward_kinematics`.
+        bias holds the forces and torques that velocities and gravity require.
+
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
 
         Returns:
-            M, symmetric [kg, kg m, kg m^2]; shape (..., 4, 4).
+            M, a symmetric matrix [kg, kg m, kg m^2]; shape (..., 4, 4).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -221,15 +248,22 @@ class PlanarPair(Shown):
     def inverse_dynamics(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> Forces:
-        """Compute the Forces: those on body 1 and the torque at the pin that move the pair as given (D1-D5).
+        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the pin (D1-D5).
 
-        The coordinates are those of `forward_kinematics`; gravity [m/s^2] has shape (2,).
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
+            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
 
         Returns:
-            force1, shape (..., 2), torque1 about R1, and hinge_torque, shape (...).
+            The Forces, with the attributes force1 [N], which must act on body 1 at R1, shape (..., 2); torque1 [N m],
+            which must act on body 1, shape (...,); and hinge_torque [N m], which body 1 exerts on body 2, shape
+            (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -247,15 +281,18 @@ class PlanarPair(Shown):
     def hinge_wrench(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> HingeWrench:
-        """Compute the HingeWrench of body 1 on body 2 at the pin (D3, D4). Body 2 alone needs mass properties.
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). Only body 2
+        needs mass properties.
 
-        Arguments are those of `inverse_dynamics`.
+        The arguments are those of `inverse_dynamics`.
 
         Returns:
-            force, shape (..., 2); torque about the pin, all of it hinge_torque; bearing_torque, which is 0; (...).
+            The HingeWrench, with the attributes force [N], shape (..., 2), and torque [N m] (about the pin), shape
+            (...,). Its hinge_torque is equal to torque, and its bearing_torque is 0; shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
+                or the body.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
@@ -283,23 +320,24 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """Compute the second derivatives qdd of the coordinates under the pair's loads (D6).
+        """Compute the second time derivatives qdd of the coordinates that given forces and torques cause (D6).
 
         Args:
-            q: coordinates (x, y, phi, psi), as for `forward_kinematics`.
-            qd: their time derivatives, in the same form.
-            force1: on body 1 at R1 [N]; shape (..., 2), or the number 0.
-            torque1: on body 1 [N m]; shape (...).
-            hinge_torque: of body 1 on body 2 [N m]; shape (...).
-            force2: on body 2 at R2 [N]; as force1.
-            torque2: on body 2 [N m]; shape (...).
-            gravity: acceleration of free fall [m/s^2]; shape (2,).
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+            force1: force on body 1 at R1 [N]; shape (..., 2), or the number 0.
+            torque1: torque on body 1 [N m]; shape (...,).
+            hinge_torque: torque of body 1 on body 2 [N m]; shape (...,).
+            force2: force on body 2 at R2 [N]; shape (..., 2), or the number 0.
+            torque2: torque on body 2 [N m]; shape (...,).
+            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
 
         Returns:
-            The second derivatives of the coordinates, qdd; shape (..., 4).
+            The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the inertia
+                against one of the motions is zero, so that no acceleration follows.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -316,12 +354,20 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Compute the kinetic and potential Energy (D7); body 1 counts where it has mass properties.
+        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count.
 
-        The coordinates are those of `forward_kinematics`; gravity [m/s^2] has shape (2,).
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
+
+        Returns:
+            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is that in
+            the gravity field; it is zero at the world's origin.
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
+                or the body.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
@@ -333,12 +379,18 @@ class PlanarPair(Shown):
         return Energy(*self._compute_quantity(dynamics.ENERGY_QUANTITY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
-        """Compute the Momentum: linear, shape (..., 2), and angular about the origin, shape (...) (D8).
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
 
-        The coordinates are those of `forward_kinematics`.
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+
+        Returns:
+            The Momentum, with the attributes linear [kg m/s], shape (..., 2), and angular [kg m^2/s], shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
+                the argument or the body.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))

@@ -63,11 +63,11 @@ class Prepared:
     """A call that is planned, checked and compiled once for inputs and outputs of given names; `HingePair.prepare`
     returns it.
 
-    Call it with arrays in the order of `given`. It can be copied and pickled.
+    Call it with one array for each name in `given`, in this order. It can be copied and pickled.
 
     Attributes:
-        given: names of what it takes, in order.
-        outputs: names of what it computes.
+        given: names of the inputs, in the order of the arguments.
+        outputs: names of the computed outputs.
     """
 
     def __init__(self, call: Call, pair: Constants, plan: Plan, workers: int, recipe: tuple[Any, ...]) -> None:
@@ -82,24 +82,25 @@ class Prepared:
 
     @property
     def source(self) -> str:
-        """The Python code that runs where nothing is compiled."""
+        """Generated Python code of the call, which runs if nothing is compiled."""
         return self._call.program.source
 
     @property
     def llvm(self) -> str:
-        """The LLVM code that runs for one state and for rows of states."""
+        """Generated LLVM code of the call, which is compiled for one state and for rows of states."""
         return self._call.kernel.ir
 
     def __call__(self, *given: Any, out: Out = None) -> Any:
-        """Return the state: of one sample or many.
+        """Compute the PairState of one sample or many from the inputs that the call was prepared for.
 
         Args:
-            *given: what it was prepared for, in that order; shape (..., 7), (..., 3), (..., 3, 3), (..., 4) or (...);
-                they broadcast.
-            out: arrays by output name, written in place; none is touched by a call that is refused.
+            *given: the inputs, in the order of the attribute `given`; shape (..., 7), (..., 3), (..., 3, 3), (..., 4)
+                or (...,). They broadcast.
+            out: dict of arrays by output name; the results are written into them. A call that raises an error for an
+                unusable argument does not change them.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it.
+            ArgumentError: an argument cannot be used; the error names it.
         """
         call = self._call
         if len(given) != len(self.given):

@@ -31,21 +31,24 @@ _TABLE_HEADINGS = (
 
 
 class ResidualCheck(NamedTuple):
-    """Result of one residual's comparison with its tolerance: sizes over all samples, the worst sample and its ratio.
+    """Result of the comparison of one residual with its tolerance at all samples.
+
+    The size of a residual is the norm of its array; that of the residual `tilt` is the angle between the hinge axes
+    (`tilt_angle`). The worst sample is the one with the largest size / tolerance.
 
     Attributes:
-        residual: its name.
-        label: of the equation, with a prime for each derivative.
-        unit: of rms, largest, worst and tolerance.
-        largest: largest size of all samples: the norm, of the tilt the angle between the axes (`tilt_angle`).
-        rms: root of the mean square of the sizes.
-        worst: size at the worst sample, which is that with the largest part of its tolerance.
-        tolerance: what is allowed at the worst sample.
-        ratio: worst / tolerance; up to 1 passes.
-        worst_sample: index of that sample; None where nothing was compared.
-        worst_time: instant of that sample, where instants were given.
-        samples: how many samples were compared.
-        basis: where the tolerance comes from: "given", or the formula of round-off.
+        residual: name of the residual, such as "gap".
+        label: label of its equation, with a prime for each time derivative.
+        unit: unit of rms, largest, worst and tolerance.
+        largest: largest size of all samples.
+        rms: root mean square of the sizes of all samples.
+        worst: size at the worst sample.
+        tolerance: tolerance at the worst sample.
+        ratio: worst / tolerance; the residual passes if this is at most 1.
+        worst_sample: index of the worst sample; None if no sample was compared.
+        worst_time: instant of the worst sample; None if no instants were given.
+        samples: number of samples that were compared.
+        basis: origin of the tolerance: "given", or the formula for rounding errors.
     """
 
     residual: str
@@ -63,7 +66,7 @@ class ResidualCheck(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Something was compared, and every sample is within its tolerance."""
+        """Whether at least one sample was compared and every compared sample is within its tolerance."""
         return self.samples > 0 and self.ratio <= 1
 
     def _cells(self) -> tuple[str, ...]:
@@ -80,31 +83,32 @@ class ResidualCheck(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Residuals(Frozen, Shown):
-    """Residuals of the hinge constraints for two motions (E1, E2), beside their tolerances, and the hinge angle
+    """Residuals of the hinge constraints for two motions (E1, E2), compared with tolerances, and the hinge angle
     between the motions.
 
-    Everything is float64 and read-only; None where the motions do not hold what it takes. The components of the tilt
-    are those of S1 n x S2 C^-1 n along S1 e1 and S1 e2 (`HingePair.constraint_jacobian` says which axes). The rates
-    and accelerations are the exact derivatives of gap, tilt and psi, for motions that are no hinge as well.
+    The arrays are float64 and read-only. Those that need velocities or accelerations which the motions do not have
+    are None. Rates and accelerations are exact time derivatives of gap, tilt and psi, even if the motions violate the
+    constraints. `HingePair.constraint_jacobian` defines the directions of the two components of the tilt.
 
     Attributes:
-        gap: R1 + S1 u1 - (R2 + S2 u2), world axes; (..., 3) m.
-        tilt: components of the misalignment of the axes, the SINE of the angle: about 0 for an axis that is flipped
-            by pi as well; (..., 2). What the row `tilt` judges is tilt_angle.
-        tilt_angle: the angle between S1 n and S2 C^-1 n, in [0, pi]; (...,) rad.
-        psi: hinge angle in [-pi, pi], of tilted axes the twist about them; (...,) rad.
-        gap_rate: rate of the gap; (..., 3) m/s.
-        tilt_rate: rate of the tilt: omega2 - omega1 across the axis; (..., 2) rad/s.
-        psid: rate of psi; (...,) rad/s.
-        gap_acceleration: second derivative of the gap; (..., 3) m/s^2.
-        tilt_acceleration: second derivative of the tilt; (..., 2) rad/s^2.
-        psidd: second derivative of psi; (...,) rad/s^2.
-        rows: every residual beside its tolerance.
-        name: the pair's.
+        gap: vector from the hinge point of body 2 to that of body 1, R1 + S1 u1 - (R2 + S2 u2), world axes [m]; shape
+            (..., 3).
+        tilt: cross product of the hinge axes of both bodies, two components; shape (..., 2). Its norm is the sine of
+            the angle between the axes, which is 0 also for opposite axes. The row "tilt" judges tilt_angle instead.
+        tilt_angle: angle between the hinge axes of both bodies, in [0, pi] [rad]; shape (...,).
+        psi: hinge angle, in [-pi, pi] [rad]; shape (...,). If the axes are tilted, it is the twist about them.
+        gap_rate: time derivative of gap [m/s]; shape (..., 3).
+        tilt_rate: time derivative of tilt [rad/s]; shape (..., 2).
+        psid: time derivative of psi [rad/s]; shape (...,).
+        gap_acceleration: second time derivative of gap [m/s^2]; shape (..., 3).
+        tilt_acceleration: second time derivative of tilt [rad/s^2]; shape (..., 2).
+        psidd: second time derivative of psi [rad/s^2]; shape (...,).
+        rows: a `ResidualCheck` for each residual: the result of its comparison with the tolerance.
+        name: name of the pair.
         shape: leading shape of the samples.
-        skipped: samples of which at least one residual is not finite; they are left out where they are not.
-        u: unit roundoff of the least precise array given.
-        t: instants of the samples; None where they were not given.
+        skipped: number of samples at which at least one residual is not finite. Such a residual is not compared.
+        u: unit roundoff of the least precise array of the motions.
+        t: instants of the samples; None if they were not given.
     """
 
     gap: Float64Array
@@ -126,13 +130,15 @@ class Residuals(Frozen, Shown):
 
     @property
     def ok(self) -> bool:
-        """Every residual of every finite sample is within its tolerance, and there was something to compare."""
+        """Whether every residual was compared at one sample at least and is within its tolerance at every compared
+        sample.
+        """
         return all(row.ok for row in self.rows)
 
     @property
     def verdict(self) -> str:
-        """One line that says PASSED, FAILED or NOTHING COMPARED, for which residuals, and how many samples were left
-        out.
+        """The result as a text of one line, which says PASSED, FAILED or NOTHING COMPARED, the residuals concerned,
+        and how many samples were left out.
         """
         samples = math.prod(self.shape)
         beside = left_out_remark(self.skipped, samples)
@@ -146,13 +152,13 @@ class Residuals(Frozen, Shown):
         return f"PASSED: {len(self.rows)} residuals of {count} within tolerance{beside}"
 
     def unwrapped_psi(self, axis: int = -1) -> Float64Array:
-        """Return the hinge angle without jumps of 2 pi along an axis of the samples, such as time; (...,) rad.
+        """Return the hinge angle without jumps by 2 pi along the time axis [rad]; shape (...,).
 
-        Right where psi changes by less than pi from one finite sample to the next; samples that are not finite are
-        stepped over.
+        The result is correct if psi changes by less than pi from one finite sample to the next. Samples that are not
+        finite stay as they are.
 
         Args:
-            axis: the axis of time.
+            axis: index of the time axis among the axes of the samples.
 
         Raises:
             ArgumentError: the samples have no such axis, or psi is a Dask array.
@@ -182,7 +188,7 @@ class Residuals(Frozen, Shown):
         return Sheet(self.name, (_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
-        """Return the report, without the arrays, as JSON; a number that is not finite is null."""
+        """Return the report without the arrays as a JSON text. Numbers that are not finite become null."""
         rows = [{**row._asdict(), "ok": row.ok} for row in self.rows]
         facts = {"name": self.name, "ok": self.ok, "verdict": self.verdict, "samples": math.prod(self.shape)}
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})

@@ -46,20 +46,20 @@ class Result(Shown):
 
     @property
     def described(self) -> str:
-        """Description of the result in one sentence."""
+        """Description of the result, a text of one sentence."""
         raise NotImplementedError
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """The files that the result was computed from, which `save` refuses to overwrite."""
+        """Paths of the files that the result was computed from, as a tuple. `save` refuses to overwrite them."""
         return ()
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return everything that is kept, by name; shape (N, ...)."""
+        """Return the arrays that the result holds, by name; shape (N, ...) for N instants."""
         raise NotImplementedError
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output or component, such as R2_x."""
+        """Return the unit of an output (R2) or of one of its components (R2_x) as a text, such as "m/s"."""
         return unit_of(name)
 
     def __dir__(self) -> list[str]:
@@ -82,9 +82,10 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a column t and one for each component; units in its `attrs`.
+        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component.
 
-        Columns of a pair are R2_x, ..., S2_xx, ..., psi; those of a planar pair are R2_x, R2_y, phi2, d_x, ..., psi.
+        The columns of a pair are R2_x, ..., S2_xx, ..., psi; those of a planar pair are R2_x, R2_y, phi2, d_x, ...,
+        psi. The attribute `attrs` of the DataFrame has the units by output name under the key "units".
 
         Raises:
             MissingDependencyError: pandas is not installed.
@@ -96,10 +97,11 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset over `time`, vectors also over `xyz`, with units and descriptions as attributes.
+        """Return an xarray Dataset with the dimension `time`, and units and descriptions as attributes.
 
-        Matrices have the axes of the body as another dimension, `body_xyz`. Of a trajectory of many motions the first
-        dimension is `motion` (of several axes motion_0, motion_1, ...); Dask arrays stay lazy.
+        Vectors also have the dimension `xyz` (`xy` for a planar pair), and matrices in addition `body_xyz`, the axes
+        of the body. A trajectory of many motions has the first dimension `motion`, or motion_0, motion_1, ... if the
+        motions have several axes. Dask arrays stay lazy.
 
         Raises:
             MissingDependencyError: xarray is not installed.
@@ -122,17 +124,18 @@ class Result(Shown):
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the arrays to a file, completely or not at all; return its Path. Every number read back equals the
-        one written.
+        """Write the arrays to a file, completely or not at all, and return its Path. Every number that is read back
+        equals the one in the result.
 
         Args:
-            path: ends in .csv (a header, then the fewest digits that give the same number), .npz (arrays by name),
-                .parquet or .nc (NetCDF).
-            inputs: files that are being read from, which the path must not be, beside those that the result was
-                computed from: a scene's file and its log.
+            path: file name. Its ending selects the format: .csv (a line of column names, then one line per instant,
+                with the fewest digits that determine each number), .npz (arrays by name), .parquet, or .nc (NetCDF).
+            inputs: files that must not be overwritten. The files that the result was computed from, such as a
+                scene's file and its log, are never overwritten.
 
         Raises:
-            ArgumentError: another ending, or the file cannot be written; what was there before stays.
+            ArgumentError: the ending is unknown, the path is one of the files that must not be overwritten, or the
+                file cannot be written. A file that existed before stays as it was.
             MissingDependencyError: the package for this kind of file is not installed.
         """
         with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:

@@ -9,21 +9,22 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 
 class PairState(Results):
-    """Arrays of body 2 (and of body 1, where named) at every sample, as far as they were computed; world axes, SI
-    units.
+    """The computed outputs of a pair at every sample, in world axes and SI units.
 
-    Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker
-    all are arrays, so that `state.R2[-1]` passes.
+    The attributes are R2, S2, d, v2, omega2, a2 and alpha2 of body 2, R1, S1, v1, omega1, a1 and alpha1 of body 1 if
+    `outputs` named them, and the outputs of prepared calls. They are read-only arrays with the leading axes of the
+    samples; `help(hp.PairState)` lists their shapes and units. An output that was not computed is None. To a type
+    checker, all are arrays, so that `state.R2[-1]` needs no check for None.
 
     Attributes:
         shape: leading shape of the samples; () for one state.
-        outputs: names of what was computed.
+        outputs: names of the outputs that were computed.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "R2": "Reference point of body 2; (..., 3) m.",
         "S2": "Rotation of body 2, body to world; (..., 3, 3).",
-        "d": "R2 - R1 = S1 u1 - S2 u2, unharmed by a large R1; (..., 3) m.",
+        "d": "R2 - R1, computed as S1 u1 - S2 u2, so that a large R1 does not reduce its accuracy; (..., 3) m.",
         "v2": "Velocity of body 2's reference point; (..., 3) m/s.",
         "omega2": "Angular velocity of body 2; (..., 3) rad/s.",
         "a2": "Classical acceleration of body 2's reference point; (..., 3) m/s^2.",
@@ -35,7 +36,7 @@ class PairState(Results):
         "a1": "Classical acceleration of body 1's reference point; (..., 3) m/s^2.",
         "alpha1": "Angular acceleration of body 1; (..., 3) rad/s^2.",
         "jacobian": "Jacobian of (v2, omega2) with respect to (v1, omega1, psi'), from `prepare`; (..., 6, 7).",
-        "acceleration_bias": "(a2, alpha2) where a1, alpha1 and psi'' are 0, from `prepare`; (..., 6).",
+        "acceleration_bias": "Value of (a2, alpha2) for a1 = alpha1 = psi'' = 0, from `prepare`; (..., 6).",
         "coordinate_jacobian": "Jacobian of (v2, omega2) with respect to `qd`, from `prepare`; (..., 6, 7).",
         "coordinate_jacobian_rate": "Time derivative of `coordinate_jacobian`, from `prepare`; (..., 6, 7).",
         "force1": "Force that must act on body 1 at R1, from `prepare`; (..., 3) N.",
@@ -68,8 +69,8 @@ class PairState(Results):
 
     @property
     def body2(self) -> BodyMotion:
-        """The BodyMotion of body 2, which the next pair of a chain takes as body 1; its rotations are not checked
-        again.
+        """The motion of body 2 as a BodyMotion, which can be the motion of body 1 of the next pair of a chain. Its
+        rotation matrices are not checked again.
 
         Raises:
             ArgumentError: R2 or S2 is not among the outputs.
@@ -86,7 +87,8 @@ class PairState(Results):
 
     @property
     def body1(self) -> BodyMotion:
-        """The BodyMotion of body 1, where R1 and S1 are among the outputs; its rotations are not checked again.
+        """The motion of body 1 as a BodyMotion, if R1 and S1 are among the outputs. Its rotation matrices are not
+        checked again.
 
         Raises:
             ArgumentError: R1 or S1 is not among the outputs.
@@ -109,20 +111,21 @@ class PairState(Results):
 
 
 class PlanarState(Results):
-    """Arrays of body 2 of a planar pair at every sample, as far as they were computed; world axes, SI units.
+    """The computed outputs of a planar pair at every sample, in world axes and SI units.
 
-    Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker
-    all are arrays.
+    The attributes are R2, phi2, d, v2, omega2, a2 and alpha2 of body 2. They are read-only arrays with the leading
+    axes of the samples; `help(hp.PlanarState)` lists their shapes and units. An output that was not computed is None.
+    To a type checker, all are arrays.
 
     Attributes:
         shape: leading shape of the samples; () for one state.
-        outputs: names of what was computed.
+        outputs: names of the outputs that were computed.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "R2": "Reference point of body 2; (..., 2) m.",
         "phi2": "Angle of body 2, phi + psi; (...,) rad.",
-        "d": "R2 - R1, unharmed by a large R1; (..., 2) m.",
+        "d": "R2 - R1, computed without R1, so that a large R1 does not reduce its accuracy; (..., 2) m.",
         "v2": "Velocity of body 2's reference point; (..., 2) m/s.",
         "omega2": "Angular velocity of body 2; (...,) rad/s.",
         "a2": "Acceleration of body 2's reference point; (..., 2) m/s^2.",

@@ -29,15 +29,16 @@ _COVARIANCE_REL_TOLERANCE = 1e-9  # part of the largest variance by which a cova
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
-    """Covariance of the pose of body 2 that tolerances of the geometry cause, to first order, at every sample.
+    """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample.
 
-    The pose is R2 and the attitude: the rotation vector, world axes, by which body 2 is turned away from where it
-    would be without tolerances. Arrays are read-only.
+    The pose has six components: R2 [m], and the attitude error [rad], which is the rotation vector, in world axes, of
+    the rotation of body 2 away from its attitude without tolerances. The geometry has twelve: u1, u2, n, and the
+    rotation vector by which home deviates, in body 1's axes. The arrays are read-only.
 
     Attributes:
-        covariance: of R2 [m] and the attitude [rad], six numbers; (..., 6, 6).
-        jacobian: derivatives of the pose by u1, u2, n and the rotation vector of home; (..., 6, 12).
-        geometry: covariance of these twelve numbers; (12, 12).
+        covariance: covariance of the six components of the pose [m, rad]; shape (..., 6, 6).
+        jacobian: derivatives of the pose with respect to the twelve components of the geometry; shape (..., 6, 12).
+        geometry: covariance of the twelve components of the geometry; shape (12, 12).
     """
 
     covariance: Float64Array
@@ -46,33 +47,33 @@ class PoseCovariance(Frozen):
 
     @property
     def R2(self) -> Float64Array:
-        """Covariance of R2, world axes; (..., 3, 3) m^2."""
+        """Covariance of R2, world axes [m^2]; shape (..., 3, 3)."""
         return self.covariance[..., :3, :3]
 
     @property
     def attitude(self) -> Float64Array:
-        """Covariance of the attitude of body 2, world axes; (..., 3, 3) rad^2."""
+        """Covariance of the attitude error of body 2, world axes [rad^2]; shape (..., 3, 3)."""
         return self.covariance[..., 3:, 3:]
 
     @property
     def R2_std(self) -> Float64Array:
-        """Standard deviations of the components of R2; (..., 3) m."""
+        """Standard deviations of the components of R2 [m]; shape (..., 3)."""
         return self._std()[..., :3]
 
     @property
     def attitude_std(self) -> Float64Array:
-        """Standard deviations of the components of the attitude; (..., 3) rad."""
+        """Standard deviations of the components of the attitude error [rad]; shape (..., 3)."""
         return self._std()[..., 3:]
 
     def _std(self) -> Float64Array:
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
 
     def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the pose that each component of the geometry causes alone, by name; (..., 6) m^2
-        and rad^2.
+        """Return the variances of the six components of the pose [m^2, rad^2] that each component of the geometry
+        alone causes: a dict of arrays of shape (..., 6) by name.
 
-        The names are u1_x to u2_z, "axis" for all three components of n, and home_x to home_z. Where the dimensions
-        are independent, the contributions add up to the diagonal of `covariance`.
+        The names are u1_x to u2_z, "axis" for the three components of n together, and home_x to home_z. If the
+        components of the geometry are independent, the contributions add up to the diagonal of `covariance`.
         """
         indices = {name: [k] for k, name in enumerate(GEOMETRY_COMPONENT_NAMES) if not name.startswith("n_")}
         places = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
@@ -108,30 +109,31 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds random pairs, scattered by manufacturing tolerances or by the covariance of a
-    fit.
+    """Return a HingePair that holds many random pairs, which deviate from a given pair according to manufacturing
+    tolerances or to the covariance of a fit.
 
-    All numbers are normally distributed about those of the pair. The axis keeps its length: it is tilted. Everything
-    that takes a pair takes the result, in which every sample has a pair of its own.
+    The deviations are normally distributed with mean zero. Give either standard deviations or a covariance. The
+    result can be used like a single pair: each sample of a motion then belongs to another pair.
 
     Args:
-        pair: the HingePair as it was designed, or fitted.
+        pair: the HingePair as designed, or as fitted.
         samples: number of pairs.
-        u1_std: standard deviation of u1, body-1 axes [m]; a number for all three components, or shape (3,).
-        u2_std: that of u2, body-2 axes [m]; likewise.
-        axis_std: standard deviation of the angle by which the axis is tilted, in each of the two directions across
-            it [rad].
-        home_std: that of the rotation vector, body-1 axes, by which body 2 is turned at psi = 0 [rad]; a number for
-            all three components, or shape (3,).
-        covariance: instead of standard deviations: of u1, u2, n and the rotation vector of home, such as
-            `HingeFit.covariance`; shape (12, 12).
-        seed: an integer for the same pairs every time, or a NumPy generator.
+        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
+        u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
+        axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
+            perpendicular directions.
+        home_std: standard deviation of each component of the rotation vector, body-1 axes, by which the attitude of
+            body 2 at psi = 0 (`home`) deviates [rad]: a number, or shape (3,).
+        covariance: covariance of u1, u2, n and the rotation vector of home, such as `HingeFit.covariance`; shape
+            (12, 12).
+        seed: an integer, which gives the same pairs in every call, or a numpy.random.Generator. By default, each call
+            gives other pairs.
 
     Returns:
-        A HingePair whose u1, u2, n and home have the leading shape (samples,), as far as they scatter.
+        A HingePair. Those of u1, u2, n and home that deviate have the leading shape (samples,).
 
     Raises:
-        ArgumentError: an argument cannot be used, or nothing scatters; names it.
+        ArgumentError: an argument cannot be used, or all standard deviations are 0; the error names the argument.
 
     >>> import numpy as np
     >>> import hingepair as hp
