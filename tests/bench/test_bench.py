@@ -28,7 +28,7 @@ from support.reference import from_euler
 from support.states import generator
 
 PAIR = hp.HingePair(**peers.BENCH_PAIR_CONSTANTS)
-PRESENT, _ = available_methods(peers.KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: "not here"})
+PRESENT, _ = available_methods(peers.COMPARED_KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: "not here"})
 MEASURED = [method for method in PRESENT if method.name not in {peers.COPY_FLOOR_NAME, peers.FRESH_COPY_FLOOR_NAME}]
 FEW = tuple(
     method
@@ -44,7 +44,7 @@ def run(*options):
 @pytest.fixture
 def few(monkeypatch):
     """The methods that start quickly, and few states to compare them by."""
-    monkeypatch.setattr(peers, "KINEMATICS_METHODS", FEW)
+    monkeypatch.setattr(peers, "COMPARED_KINEMATICS_METHODS", FEW)
     monkeypatch.setattr(direct, "_NUM_ACCURACY_STATES", 3)
     monkeypatch.setattr(direct, "hard_states", lambda rng, parts: tuple(c[:3] for c in truth.hard_states(rng, parts)))
 
@@ -247,7 +247,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
         )
         for level in OUTPUTS_BY_LEVEL
         for size in (1, 100, 10_000, 1_000_000)
-        for method in peers.KINEMATICS_METHODS
+        for method in peers.COMPARED_KINEMATICS_METHODS
     ]
     cases = [
         f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}" for name in (*direct.BATCH_SIZES_BY_SEQUENCE_NAME, "import")
@@ -317,7 +317,7 @@ def test_bad_options(option):
 def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
     monkeypatch.setattr(measure, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
     found, left_out = available_methods(
-        peers.KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: engines.cpp_missing_reason(False)}
+        peers.COMPARED_KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: engines.cpp_missing_reason(False)}
     )
     assert not [method for method in found if method.package in {"jax", "mujoco"}]
     assert {f"left out: {name}" for name in ("MuJoCo", "JAX", "Pinocchio")} <= {
@@ -343,7 +343,7 @@ def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
     monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
     assert engines.cpp_missing_reason(True) is None
-    method = next(method for method in peers.KINEMATICS_METHODS if method.name == engines.PINOCCHIO_CPP_NAME)
+    method = next(method for method in peers.COMPARED_KINEMATICS_METHODS if method.name == engines.PINOCCHIO_CPP_NAME)
     for level in OUTPUTS_BY_LEVEL:
         assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
 

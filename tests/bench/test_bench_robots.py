@@ -34,7 +34,7 @@ def test_all_engines_agree(name, workload):
     robot, model = bench._load_models(name)
     task = bench.make_robot_task(name, robot, model, workload, 3 if workload != bench.FORWARD_WORKLOAD else 1)
     truth = bench.exact_robot_results(task)
-    for method in bench.ROBOT_METHODS:
+    for method in bench.COMPARED_ROBOT_METHODS:
         asked = workload in bench._WORKLOADS_BY_METHOD_NAME.get(method.name, bench.WORKLOAD_NAMES)
         if asked and method.name not in (bench.PINOCCHIO_CPP_NAME, bench.FRAX_NAME):
             one = (
@@ -91,7 +91,7 @@ def test_the_truth_holds_for_joints_of_every_kind():
 @pytest.mark.filterwarnings("ignore")  # frax's own
 def test_frax_agrees():
     robot, model = bench._load_models("ur5_robot")
-    method = next(method for method in bench.ROBOT_METHODS if method.name == bench.FRAX_NAME)
+    method = next(method for method in bench.COMPARED_ROBOT_METHODS if method.name == bench.FRAX_NAME)
     for workload in (bench.INVERSE_WORKLOAD, bench.FORWARD_WORKLOAD):
         task = bench.make_robot_task("ur5_robot", robot, model, workload, 4)
         assert bench.robot_error(method, task, bench.exact_robot_results(task)) < 1e-13
@@ -107,7 +107,7 @@ def test_the_cpp_loop_agrees(monkeypatch):
     kept = [flag for flag in engines._CPP_COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
     flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
     monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
-    method = next(method for method in bench.ROBOT_METHODS if method.name == bench.PINOCCHIO_CPP_NAME)
+    method = next(method for method in bench.COMPARED_ROBOT_METHODS if method.name == bench.PINOCCHIO_CPP_NAME)
     for name, workload in CASES:
         robot, model = bench._load_models(name)
         task = bench.make_robot_task(name, robot, model, workload, 1)

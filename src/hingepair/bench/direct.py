@@ -35,7 +35,7 @@ from hingepair.bench.peers import (
     make_kinematics_task,
 )
 from hingepair.bench.plot import MethodCurve, Panel
-from hingepair.bench.truth import TRUTH_DIGITS, ExactResults, hard_states, random_states
+from hingepair.bench.truth import TRUTH_DECIMAL_DIGITS, ExactResults, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
 HARD_STATE_ERROR_COLUMN = "on hard states"  # heading of a column of the table
@@ -53,7 +53,7 @@ _NUM_ACCURACY_STATES = 40  # number of random states whose results are compared 
 _TABLE_NOTE = (
     "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
     "of the case; "
-    f"errors: largest of any output against {TRUTH_DIGITS} digits [u * scale], on random and on hard states; "
+    f"errors: largest of any output against {TRUTH_DECIMAL_DIGITS} digits [u * scale], on random and on hard states; "
     "inf: the method refuses a state, or its result is not finite where the exact one is"
 )
 
@@ -73,7 +73,7 @@ def measure_kinematics(
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (up to a minute)")
     methods, left_out = available_methods(
-        peers.KINEMATICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp)}
+        peers.COMPARED_KINEMATICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp)}
     )
     rows = (
         measure_batches(methods, sizes, levels, repeats)
@@ -113,7 +113,9 @@ def measure_batches(
 
 
 def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
-    """Measure writes into outputs at several byte offsets from a cache line, beside copying; return the rows."""
+    """Measure calls whose outputs begin at several byte offsets from a cache line, and plain copying; return the
+    rows.
+    """
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
@@ -164,7 +166,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
 
     Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
-    drawn = {method.name for method in peers.KINEMATICS_METHODS if method.in_picture}
+    drawn = {method.name for method in peers.COMPARED_KINEMATICS_METHODS if method.in_picture}
     panels: list[Panel] = []
     for level in OUTPUTS_BY_LEVEL:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
@@ -286,7 +288,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
 
 
 def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
-    """Run Python code in a fresh process; return the seconds that it prints last."""
+    """Run Python code in a fresh process; return the seconds that it writes last to standard error."""
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )

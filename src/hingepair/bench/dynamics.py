@@ -19,11 +19,11 @@ from hingepair.bench.engines import (
     DYNAMICS_FLAG,
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PAIR_LOOP_SOURCE,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
+    PYTHON_LOOP_SAMPLE_CAP,
     cpp_missing_reason,
     make_cpp_job,
     mujoco_coordinates,
@@ -55,7 +55,7 @@ from hingepair.validation.pinocchio_twin import to_pinocchio
 Array: TypeAlias = NDArray[np.float64]
 
 DOP853_NAME, RADAU_NAME, LSODA_NAME = "SciPy DOP853, NumPy", "SciPy Radau", "SciPy LSODA"  # names of methods
-MAX_SIMULATION_ERROR = 1e-8
+MAX_SIMULATION_ERROR_RAD = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
 _SIMULATION_INSTANTS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
@@ -74,7 +74,7 @@ def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
     """Measure inverse and forward dynamics of one state and of a batch, and simulations; return the report."""
     pair, rows = make_pair_with_masses(), list[Row]()
     methods, notes = available_methods(
-        DYNAMICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, PAIR_LOOP_SOURCE, DYNAMICS_FLAG)}
+        COMPARED_DYNAMICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, PAIR_LOOP_SOURCE, DYNAMICS_FLAG)}
     )
     for size in (1, batch_size):
         for case in (INVERSE_WORKLOAD, FORWARD_WORKLOAD):
@@ -86,13 +86,13 @@ def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
         rows += measure_tumbling_simulation(pair, repeats) + measure_stiff_simulation(repeats)
     notes.append(
         f"error: largest error of attitude and psi over the motion [rad]; each solver has the coarsest tolerance "
-        f"with an error of at most {MAX_SIMULATION_ERROR:g}"
+        f"with an error of at most {MAX_SIMULATION_ERROR_RAD:g}"
     )
     return Report(rows, "error [rad]", notes)
 
 
 class DynamicsTask(NamedTuple):
-    """Random states of a pair, with accelerations and the forces that cause them; a method computes one of both."""
+    """Random states of a pair with accelerations and the forces that cause them; a method computes one of the two."""
 
     pair: HingePair  # with masses
     is_inverse: bool  # whether forces are computed; otherwise accelerations are
@@ -208,20 +208,20 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
     return run
 
 
-DYNAMICS_METHODS = (
+COMPARED_DYNAMICS_METHODS = (
     Method(PREPARED_NAME, prepared_dynamics_job),
     Method(HINGEPAIR_NAME, hingepair_dynamics_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_dynamics_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
 )
 """All methods of `hingepair bench dynamics`; the first one computes one state only."""
 
-TUMBLING_SIMULATION_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+TUMBLING_SIMULATION_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULATION_ERROR_RAD:g}"  # name of the case
 
 
 def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
-    """Measure the simulation of a tumbling pair with a hinge spring, beside SciPy's DOP853; return the rows."""
+    """Measure the simulation of a tumbling pair with a hinge spring, and by SciPy's DOP853; return the rows."""
     truth = scipy_simulation_job(pair, 1e-13)()
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_INITIAL_OMEGA)
 
@@ -242,13 +242,13 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
 
 
 STIFF_SIMULATION_CASE_NAME = (
-    f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR:g}"  # name of the case
+    f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR_RAD:g}"  # name of the case
 )
 _STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0.01 rad/s; the time constant is 6 us
 
 
 def measure_stiff_simulation(repeats: int) -> list[Row]:
-    """Measure the simulation of a wheel with motor and stiff friction, beside SciPy's solvers; return the rows."""
+    """Measure the simulation of a motor-driven wheel with stiff friction, and by SciPy's solvers; return the rows."""
     from scipy.integrate import solve_ivp
 
     times = np.linspace(0, 0.2, 21)  # [s]
@@ -287,7 +287,7 @@ def _measure_at_max_error(
     error_of_result: Callable[[Any], float],
     repeats: int,
 ) -> list[Row]:
-    """Time each method at the coarsest tolerance whose error is MAX_SIMULATION_ERROR at most; return the rows.
+    """Time each method at the coarsest tolerance whose error is MAX_SIMULATION_ERROR_RAD at most; return the rows.
 
     Args:
         case: name of the case.
@@ -301,7 +301,7 @@ def _measure_at_max_error(
         for tol in np.logspace(-5, -13, 17):
             jobs[name] = make(float(tol))
             errors[name] = error_of_result(jobs[name]())
-            if errors[name] <= MAX_SIMULATION_ERROR:
+            if errors[name] <= MAX_SIMULATION_ERROR_RAD:
                 break
     return make_rows(case, time_interleaved(jobs, repeats), errors=errors)
 

@@ -99,7 +99,7 @@ class FittedHinge(NamedTuple):
 
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
-    """Measure fits of a hinge to poses, and of its axis to gyroscopes, beside other packages; return the report."""
+    """Measure fits of a hinge to poses, and of its axis to gyroscopes, also by other packages; return the report."""
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
     return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
@@ -225,7 +225,9 @@ def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, as qmt estimates it with given settings; shape (3,) each."""
+    """Return n1, n2, the hinge axis in each body's axes, as the package qmt estimates it with its settings; shape
+    (3,) each.
+    """
     import qmt
 
     omega1, f1, omega2, f2 = recording

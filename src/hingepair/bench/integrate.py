@@ -30,7 +30,7 @@ STOP_TIME: Final = 10.0  # end of the motion [s]
 NUM_COMPARED_INSTANTS: Final = (
     25  # evenly spread instants at which errors are computed; each method's steps include them
 )
-TARGET_ERROR: Final = 1e-11
+TARGET_ERROR_RAD: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
 _EXACT_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
@@ -227,7 +227,7 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return the run time [s] at TARGET_ERROR by method, interpolated; methods that do not reach it are left out."""
+    """Return the run time [s] at TARGET_ERROR_RAD by method, interpolated; methods that miss it are left out."""
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
         points = [
@@ -236,19 +236,19 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
             if row.case == case and _method_of_label(row.method) == method and row.error
         ]
         for (e1, t1), (e2, t2) in itertools.pairwise(points):
-            if e1 > TARGET_ERROR >= e2 and math.isfinite(e1):
-                times[method] = t1 * (t2 / t1) ** (math.log(e1 / TARGET_ERROR) / math.log(e1 / e2))
+            if e1 > TARGET_ERROR_RAD >= e2 and math.isfinite(e1):
+                times[method] = t1 * (t2 / t1) ** (math.log(e1 / TARGET_ERROR_RAD) / math.log(e1 / e2))
     return times
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return table rows of the run times at TARGET_ERROR, interpolated between measured rows."""
+    """Return table rows of the run times at TARGET_ERROR_RAD, interpolated between measured rows."""
     target_rows = []
     for motion in ROTATION_CASES:
         times = times_to_target_error(rows, motion.name)
         first = next(iter(times.values()), math.nan)
-        case = f"{motion.name}, an error of {TARGET_ERROR:g} rad"
-        target_rows += [Row(case, name, 1, t, t, t / first, TARGET_ERROR) for name, t in times.items()]
+        case = f"{motion.name}, an error of {TARGET_ERROR_RAD:g} rad"
+        target_rows += [Row(case, name, 1, t, t, t / first, TARGET_ERROR_RAD) for name, t in times.items()]
     return target_rows
 
 

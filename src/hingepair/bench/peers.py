@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.engines import (
-    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
+    PYTHON_LOOP_SAMPLE_CAP,
     make_cpp_job,
     mujoco_coordinates,
     pinocchio_coordinates,
@@ -48,7 +48,7 @@ BENCH_PAIR_CONSTANTS: dict[str, Any] = {
 
 
 class KinematicsTask(NamedTuple):
-    """A batch of states whose motion of body 2 every method computes, and buffers for its outputs."""
+    """A batch of states of a pair, at which every method computes the motion of body 2, and buffers for outputs."""
 
     pair: HingePair
     motion: MotionArrays
@@ -359,7 +359,7 @@ HINGEPAIR_NAME, FRESH_NAME, PREPARED_NAME, NUMPY_NAME = (
 )
 
 # All methods of `hingepair bench direct`; ratios refer to the first one.
-KINEMATICS_METHODS = (
+COMPARED_KINEMATICS_METHODS = (
     Method(HINGEPAIR_NAME, hingepair_job_maker(backend="compiled")),
     Method(PREPARED_NAME, prepared_kinematics_job, in_picture=False),
     Method(
@@ -367,9 +367,9 @@ KINEMATICS_METHODS = (
     ),
     Method("hingepair, 2 workers", hingepair_job_maker(workers=2, backend="compiled"), min_samples=10**5),
     Method(NUMPY_NAME, hingepair_job_maker(backend="numpy")),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_kinematics_job, max_samples=10**6, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
     Method("JAX, compiled, one core", jax_job, package="jax"),
     Method("SciPy Rotation + NumPy", scipy_rotation_job, max_samples=10**5, package="scipy"),
     Method("NumPy, stacks of 3x3", numpy_stacks_job, max_samples=10**5),

@@ -16,7 +16,7 @@ from hingepair.mechanism.tree import Joint, Tree
 
 Array: TypeAlias = NDArray[Any]
 
-ROBOT_TRUTH_DIGITS: Final = 50
+ROBOT_TRUTH_DECIMAL_DIGITS: Final = 50
 """Decimal digits of the exact results."""
 _GRAVITY_MAGNITUDE: Final = 9.81  # m/s^2, along -z of the world
 
@@ -55,13 +55,13 @@ class ExactRobot:
 
     def pose(self, joint: str) -> Array:
         """Return position and rotation, joined, of the body that a joint carries; shape (12,)."""
-        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+        with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             body = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._joint_number(joint)]
             return np.concatenate([body.R, body.S.ravel()])
 
     def jacobian(self, joint: str) -> Array:
         """Return the Jacobian of the body that a joint carries: (v, omega) of its reference point; shape (6, dof)."""
-        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+        with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)
             number = tip = self._joint_number(joint)
             J: Array = _to_mpf(np.zeros((6, self._dof)))
@@ -76,7 +76,7 @@ class ExactRobot:
 
     def inverse_dynamics(self, qd: Array, qdd: Array, gravity_magnitude: float = _GRAVITY_MAGNITUDE) -> Array:
         """Return the efforts that rates and accelerations require [N m, N]; shape (dof,)."""
-        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+        with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(qd, qdd, gravity_magnitude)
             zero = _to_mpf(np.zeros(3))
             force, torque = [zero] * len(bodies), [zero] * len(bodies)
@@ -94,7 +94,7 @@ class ExactRobot:
 
     def forward_dynamics(self, qd: Array, tau: Array) -> Array:
         """Return the accelerations that efforts cause [rad/s^2, m/s^2]; shape (dof,)."""
-        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+        with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             zero = np.zeros(self._dof)
             columns = [self.inverse_dynamics(zero, unit, 0.0) for unit in np.eye(self._dof)]
             remaining = _to_mpf(tau) - self.inverse_dynamics(qd, zero)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from hingepair.bench.engines import (
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
+    PYTHON_LOOP_SAMPLE_CAP,
     compile_library,
     cpp_missing_reason,
 )
@@ -37,7 +37,7 @@ from hingepair.bench.measure import (
 )
 from hingepair.bench.peers import HINGEPAIR_NAME, PREPARED_NAME
 from hingepair.bench.plot import MethodCurve, Panel
-from hingepair.bench.robot_truth import ROBOT_TRUTH_DIGITS, ExactRobot
+from hingepair.bench.robot_truth import ROBOT_TRUTH_DECIMAL_DIGITS, ExactRobot
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 
@@ -63,18 +63,27 @@ _TABLE_NOTES: Final = (
     "Each row is one engine on one task, on one thread (JAX chooses its threads itself), compiled before the "
     "measurement. N: states of a call; a call: median time of a call; each: time for one state; ratio: that time "
     "divided by the time of the first row.",
-    f"error: largest difference from {ROBOT_TRUTH_DIGITS}-digit arithmetic at {_NUM_COMPARED_STATES} random "
+    f"error: largest difference from {ROBOT_TRUTH_DECIMAL_DIGITS}-digit arithmetic at {_NUM_COMPARED_STATES} random "
     "states, relative to the largest component of the result (the unit roundoff of a double is 1.1e-16).",
     "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
     "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
-    f"{MAX_PYTHON_LOOP_SAMPLES:,} states.",
+    f"{PYTHON_LOOP_SAMPLE_CAP:,} states.",
 )
 
 # Names of further methods.
 PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
-_CPP_JOINT_KIND_NAMES: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
+_PINOCCHIO_JOINT_NAMES_BY_CPP_CODE: Final = (
+    "RX",
+    "RY",
+    "RZ",
+    "RevoluteUnaligned",
+    "PX",
+    "PY",
+    "PZ",
+    "PrismaticUnaligned",
+)
 # axes of joint models, by their last letter
 _UNIT_AXIS_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
@@ -95,7 +104,7 @@ def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, wit
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (one or two minutes)")
     methods, left_out = available_methods(
-        ROBOT_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, "robots_loop.cpp")}
+        COMPARED_ROBOT_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, "robots_loop.cpp")}
     )
     rows = list[Row]()
     for name in names:
@@ -122,7 +131,7 @@ def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
 
 def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTask]) -> dict[str, float]:
     """Compute a workload by each method and exactly; return the largest relative error by the method's name."""
-    print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DIGITS} digits")
+    print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DECIMAL_DIGITS} digits")
     truth = exact_robot_results(make_task(_NUM_COMPARED_STATES))
     return {
         method.name: robot_error(
@@ -309,7 +318,7 @@ def pinocchio_robot_job(task: RobotTask) -> Job:
 
 
 def pinocchio_batch_job(task: RobotTask) -> Job:
-    """Return a job that calls Pinocchio's own batch functions for dynamics, on one thread like all other methods."""
+    """Return a job that calls Pinocchio's batch functions for dynamics, on one thread like all other methods."""
     import pinocchio as pin
 
     pool = pin.ModelPool(task.model, 1)
@@ -322,7 +331,9 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
     """Return a job that loops over the states in C++ and calls Pinocchio."""
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
-    kinds = [_CPP_JOINT_KIND_NAMES.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
+    kinds = [
+        _PINOCCHIO_JOINT_NAMES_BY_CPP_CODE.index(joint.shortname().removeprefix("JointModel")) for joint in joints
+    ]
     axes = [_UNIT_AXIS_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
@@ -420,19 +431,19 @@ def frax_job(task: RobotTask) -> Job:
     return lambda: call(*rows).block_until_ready()
 
 
-ROBOT_METHODS: Final = (
+COMPARED_ROBOT_METHODS: Final = (
     Method(PREPARED_NAME, prepared_robot_job),
     Method(HINGEPAIR_NAME, hingepair_robot_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
     Method(
         PINOCCHIO_PARALLEL_NAME,
         pinocchio_batch_job,
         min_samples=2,
-        max_samples=MAX_PYTHON_LOOP_SAMPLES,
+        max_samples=PYTHON_LOOP_SAMPLE_CAP,
         package="pinocchio",
     ),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_robot_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
     Method(FRAX_NAME, frax_job, min_samples=2, package="frax"),
 )
 """All methods of `hingepair bench robots`; the first one computes one state only."""

@@ -96,7 +96,7 @@ _SWEEPS_BY_CASE_NAME: Final = {
 
 
 def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats: int) -> Report:
-    """Measure Dask beside plain calls, several threads beside one, and sweeps; return the report.
+    """Measure Dask and plain calls, one thread and several, and sweeps; return the report.
 
     Args:
         samples: number of samples of the calls that are compared.
@@ -230,7 +230,7 @@ def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
 
 
 def _measure_long_reduction(samples: int, threads: int) -> Row:
-    """Measure run time and peak memory of a Dask reduction, in a process of its own; return the row."""
+    """Measure run time and peak memory of a Dask reduction in a separate process; return the row."""
     command = [sys.executable, "-c", _DASK_REDUCTION_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"

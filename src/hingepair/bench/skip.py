@@ -47,7 +47,7 @@ class FoldingCase(NamedTuple):
 
 
 def measure_folding(samples: int, repeats: int) -> Report:
-    """Measure velocities of cases with known inputs, beside the case without, by each backend; return the report."""
+    """Measure velocities of cases with known inputs and of the case without, by each backend; return the report."""
     rows, folding_cases = [], make_folding_cases(samples)
     more = {name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()}
     for backend in ("compiled", "numpy"):

@@ -22,12 +22,12 @@ Array: TypeAlias = NDArray[Any]
 MotionArrays: TypeAlias = tuple[Array, ...]
 PairNumbers: TypeAlias = Mapping[str, Any]
 
-TRUTH_DIGITS = 700
+TRUTH_DECIMAL_DIGITS = 700
 """Decimal digits; an angle of 1e300 keeps 400 of them, and second differences over 1e-100 s take another 200."""
 
 # Places of phi_y, of psi and of all angles among the seven coordinates.
 _PHI_Y_INDEX, _PSI_COORDINATE_INDEX = 4, 6
-_ANGLE_COORDINATES_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
+_ANGLES_SLICE_OF_COORDINATES = slice(3, 7)  # of the three Euler angles and psi among the coordinates
 
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = 
         qd: their rates; zero unless given.
         qdd: their second derivatives; zero unless given.
     """
-    with mpmath.workdps(TRUTH_DIGITS):
+    with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
         zero = [0.0] * 7
         motion = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
         # time step of the finite differences: 1e-100 s divided by the size of the rates
@@ -114,7 +114,7 @@ class ExactResults:
             if not np.isfinite(rows).all():
                 return math.inf
             scales = np.broadcast_to(self.scales[name], len(rows)).tolist()
-            with mpmath.workdps(TRUTH_DIGITS):
+            with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
                 for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
                     gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
                     worst = max(worst, float(gap / max(UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)))
@@ -154,8 +154,8 @@ def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
         (_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
     ]
     changes += [(_PHI_Y_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)]
-    changes += [(_ANGLE_COORDINATES_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
-    changes += [(_ANGLE_COORDINATES_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
+    changes += [(_ANGLES_SLICE_OF_COORDINATES, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
+    changes += [(_ANGLES_SLICE_OF_COORDINATES, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
     changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
     changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
     motion = rng.normal(size=(3, len(changes), 7))

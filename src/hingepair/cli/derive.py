@@ -27,7 +27,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES, Scene
 
-_DEFAULT_SNAP_ANGLE: Final = 1e-6
+_DEFAULT_SNAP_ANGLE_RAD: Final = 1e-6
 """Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
 
 DEFAULT_DERIVED_OUTPUTS = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
@@ -172,7 +172,7 @@ def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tup
         if not os.path.exists(source) and not source.lower().endswith(".toml"):
             robot_urdf(source)  # raises an error that lists the robots
         return None
-    max_angle = _DEFAULT_SNAP_ANGLE if snap is None else snap
+    max_angle = _DEFAULT_SNAP_ANGLE_RAD if snap is None else snap
     snapped = Mechanism.from_urdf(source, snap=max_angle) if is_urdf(source) else load_robot(source, snap=max_angle)
     largest_change = _largest_rotation_change(robot, snapped)
     note = (

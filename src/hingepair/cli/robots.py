@@ -36,7 +36,7 @@ JOINT_TABLE_HEADINGS = (
     ),
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
-_RIGHT_ALIGNED_JOINT_COLUMNS = {0, 6, 7, 8, 9, 10}
+_RIGHT_ALIGNED_JOINT_COLUMN_INDICES = {0, 6, 7, 8, 9, 10}
 """Columns of numbers in the table of joints, which are right-aligned."""
 
 
@@ -64,7 +64,9 @@ def robots_command(
     else:
         report = _joint_report(name)
         table = (
-            align_columns([JOINT_TABLE_HEADINGS, *map(_joint_cells, report["joints"])], _RIGHT_ALIGNED_JOINT_COLUMNS)
+            align_columns(
+                [JOINT_TABLE_HEADINGS, *map(_joint_cells, report["joints"])], _RIGHT_ALIGNED_JOINT_COLUMN_INDICES
+            )
             if report["joints"]
             else []
         )

@@ -300,7 +300,7 @@ def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
 
 
 def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
-    """Print title, pair or mechanism, and instants of a scene in three lines."""
+    """Print the title of a scene, its pair or mechanism, and its instants, a line for each."""
     if scene.title:
         screen.print(printable(scene.title), style="bold")
     if isinstance(scene, Scene):

@@ -49,7 +49,8 @@ class CurveCollector:
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append one piece of the motion to the curves of its arrays, reduced to the samples that are visible.
+        """Append one piece of the motion to the curves of its arrays, attitudes as continuous Euler angles, thinned
+        to visible samples.
 
         Args:
             t: instants of the piece [s]; shape (N,).

@@ -33,7 +33,7 @@ _PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")  # the columns of panels, by
 _TITLE_BY_QUANTITY: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of the paths of frames, which repeat.
 _PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
-_MAX_DRAWN_LIMIT_DISTANCE_RATIO: Final = 0.6
+_MAX_LIMIT_DISTANCE_TO_CURVE_RANGE: Final = 0.6
 """Largest distance of a limit from a curve at which it is drawn, over the curve's span; farther ones are written."""
 _PANEL_SIZE_INCHES: Final = (3.5, 1.5)  # width and height of a panel
 _PATHS_PANEL_WIDTH_INCHES: Final = 5.0  # width of the panel of paths
@@ -41,7 +41,7 @@ _MAX_PANEL_ROWS: Final = 12
 """Largest number of rows of panels, plus one where there are hinges and sliders; further joints share panels."""
 _MAX_PATHS_PANEL_ROWS: Final = 6
 """Number of rows of panels, from the first on, that the panel of paths spans at most."""
-_LIMIT_TEXT_HEADROOM_RATIO: Final = 0.3
+_LIMIT_TEXT_HEADROOM_TO_CURVE_RANGE: Final = 0.3
 """Space above a curve for a limit that is written, over the curve's span."""
 
 
@@ -143,7 +143,9 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
 
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
-    """Draw q, qd or tau of joints over time into Matplotlib axes, with limits; a lone joint's far limits as text."""
+    """Draw q, qd or tau of joints over time into Matplotlib axes, with limits. Limits far from the curve of a single
+    joint are written.
+    """
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
@@ -172,7 +174,7 @@ def _draw_limits(
     if not known or not finite.size:
         return
     least, most = float(finite.min()), float(finite.max())
-    reach = _MAX_DRAWN_LIMIT_DISTANCE_RATIO * max(most - least, 1e-3 * max(abs(least), abs(most)))
+    reach = _MAX_LIMIT_DISTANCE_TO_CURVE_RANGE * max(most - least, 1e-3 * max(abs(least), abs(most)))
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:
@@ -183,7 +185,7 @@ def _draw_limits(
         both = len(far) == 2 and far[0] == -far[1]
         text = f"±{far[1]:.6g}" if both else ", ".join(f"{limit:.6g}" for limit in far)
         bottom, top = axes.get_ylim()
-        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM_RATIO * (top - bottom))
+        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM_TO_CURVE_RANGE * (top - bottom))
         style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": colour}
         axes.text(0.98, 0.95, f"limit{'s' * (len(far) > 1)} {text}", transform=axes.transAxes, **style)
 

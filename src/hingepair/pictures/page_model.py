@@ -229,7 +229,7 @@ def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBo
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return the unbranched chains of joints as pairs: the chain's name, and the numbers of its joints."""
+    """Return the unbranched chains of joints as pairs: the chain's name, and the numbers of its joints, from 1."""
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1

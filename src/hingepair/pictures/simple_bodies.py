@@ -13,11 +13,11 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 _ROD_DENSITY: Final = 2000.0  # [kg/m^3] that relates the mass of a rod to its radius: metal, motors and air
-_ROD_RADIUS_RATIO_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
+_ROD_RADIUS_TO_ROBOT_SIZE_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
 _MAX_ROD_RADIUS_TO_LENGTH: Final = 0.3  # largest radius of a short rod over its length
 _DRAWABLE_ROBOT_SIZE_RANGE: Final = (1e-6, 1e6)  # [m] smallest and largest size of a robot that is drawn to scale
 _MAX_DRAWN_POSITION_LIMIT: Final = 1e4  # [rad or m] a larger limit in a file stands for no limit
-_MIN_ROD_LENGTH_RATIO: Final = 1e-3  # length of a rod over the robot's size below which it is left out
+_MIN_ROD_LENGTH_TO_ROBOT_SIZE: Final = 1e-3  # length of a rod over the robot's size below which it is left out
 
 
 class SimpleBody(NamedTuple):
@@ -84,7 +84,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
     for number, joint in enumerate(tree.joints, 1):
         if (
-            lengths[number] <= _MIN_ROD_LENGTH_RATIO * size
+            lengths[number] <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size
         ):  # a body without a rod is as thick as its thinner neighbour
             radii[number] = min(radii[joint.parent], *(radii[k] for k in carried[number]), math.inf)
     bodies = [SimpleBody([], []) for _ in range(count)]
@@ -119,33 +119,36 @@ def axes_along(axis: Any) -> Float64Array:
 
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return the ends of a last body's rods [m]: its last links, or twice the vector to its centre of mass."""
+    """Return the ends of the rods of a body without joints behind it [m].
+
+    They are its tip links or, if these are too near, the point twice as far as its centre of mass.
+    """
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
-    far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_RATIO * size]
+    far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size]
     if far:
         return far
     masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.center_of_mass
-    return [beyond] if _MIN_ROD_LENGTH_RATIO * size < math.hypot(*beyond) < size / 2 else []
+    return [beyond] if _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size < math.hypot(*beyond) < size / 2 else []
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
     """Return the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
     least = (
-        min(_ROD_RADIUS_RATIO_RANGE[0] * size, _MAX_ROD_RADIUS_TO_LENGTH * length)
-        if length > _MIN_ROD_LENGTH_RATIO * size
-        else _ROD_RADIUS_RATIO_RANGE[0] * size
+        min(_ROD_RADIUS_TO_ROBOT_SIZE_RANGE[0] * size, _MAX_ROD_RADIUS_TO_LENGTH * length)
+        if length > _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size
+        else _ROD_RADIUS_TO_ROBOT_SIZE_RANGE[0] * size
     )
     if not mass > 0:
         return max(least, min(0.02 * size, _MAX_ROD_RADIUS_TO_LENGTH * length))
     joint_length = 0.25 * size  # of the parts of a body besides its rods
     radius = math.sqrt(mass / (math.pi * _ROD_DENSITY * (length + joint_length)))
-    return min(max(radius, least), _ROD_RADIUS_RATIO_RANGE[1] * size)
+    return min(max(radius, least), _ROD_RADIUS_TO_ROBOT_SIZE_RANGE[1] * size)
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
     """Return a cylinder from the reference point to `end`, and a sphere there; nothing if it is too short."""
     length = math.hypot(*end)
-    if length <= _MIN_ROD_LENGTH_RATIO * size:
+    if length <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size:
         return ()
     return Cylinder(radius, length, end / 2, end), Sphere(radius, end)
