@@ -432,7 +432,7 @@ FAULTS = {
     ),
     "motions counted from the start of their chunk": Fault(
         "integration/integrate.py",
-        "index = tuple(np.add(first_motion, index).tolist())",
+        "index = tuple(np.add(first_motion_index, index).tolist())",
         "pass",
         "integration/test_dask_integrate.py::test_a_motion_that_fails_names_itself_by_its_index_among_all",
     ),

@@ -80,10 +80,10 @@ _R1_FORM_BY_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
-_MAX_GROUP_STEPS: Final = 65_536
+_MAX_STEPS_PER_MOTION_GROUP: Final = 65_536
 """Steps that are integrated together at most, of all motions of a group."""
 
-_R1_PART_NAMES: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
+_R1_ARGUMENT_NAME_BY_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 """Name in messages of each part of the argument R1."""
 
 
@@ -282,7 +282,7 @@ def _read_request(
     size = 2 if is_planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, t, size)
     shapes = {name: array.shape for name, array in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in _R1_PART_NAMES.items() if key in points}
+    shapes |= {name: points[key].shape[:-2] for key, name in _R1_ARGUMENT_NAME_BY_INPUT.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
     kind = PLANAR_MOTION if is_planar else SPATIAL_MOTION
@@ -298,7 +298,7 @@ def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
 
 
 def _name_of_motion(name: str, index: Sequence[int]) -> str:
-    """Return the name of an argument of one motion for messages: with the motion's index, where there are many.
+    """Return the name of an argument with the index of a motion, for messages; the name alone for an empty index.
 
     >>> _name_of_motion("psi_0", ()), _name_of_motion("psi_0", (3,)), _name_of_motion("psi_0", (2, 5))
     ('psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)')
@@ -336,10 +336,11 @@ def _motions_of(request: _Request) -> list[_Motion]:
 
 
 @contextlib.contextmanager
-def _errors_named_by_motion(motion: _Motion, first_motion: tuple[int, ...] | None) -> Iterator[None]:
-    """Raise an ArgumentError of the `with` block again under the name of the motion, where there are many.
+def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...] | None) -> Iterator[None]:
+    """Return a context manager that raises an ArgumentError of its block again with the motion's index in the name,
+    or as it is for a single motion.
 
-    `first_motion` is the index that messages give the first motion; zeros unless given.
+    `first_motion_index` is the index that messages give the first motion; zeros unless given.
     """
     try:
         yield
@@ -347,41 +348,43 @@ def _errors_named_by_motion(motion: _Motion, first_motion: tuple[int, ...] | Non
         if not motion.motion_index:
             raise
         index = motion.motion_index
-        if first_motion is not None:
-            index = tuple(np.add(first_motion, index).tolist())
+        if first_motion_index is not None:
+            index = tuple(np.add(first_motion_index, index).tolist())
         raise type(error)(_name_of_motion(error.name, index), error.expected, error.got) from None
 
 
 def _check_motions(
-    request: _Request, motions: Iterable[_Motion], first_motion: tuple[int, ...] | None = None
+    request: _Request, motions: Iterable[_Motion], first_motion_index: tuple[int, ...] | None = None
 ) -> None:
     """Check that the numbers of each motion are finite and that its start is a rotation; errors name the motion."""
     for motion in motions:
-        with _errors_named_by_motion(motion, first_motion):
+        with _errors_named_by_motion(motion, first_motion_index):
             _check_motion(request, motion)
 
 
-def _solve_motions(request: _Request, first_motion: tuple[int, ...] | None = None) -> list[Solution]:
+def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None = None) -> list[Solution]:
     """Check and solve each motion (E12), and return the solutions in C order of the motions' indices.
 
     Args:
         request: the motions.
-        first_motion: index that messages give the first motion; zeros unless given.
+        first_motion_index: index that messages give the first motion; zeros unless given.
 
     Raises:
         ArgumentError, GimbalLockError: a motion cannot be used; of many motions the error names the motion.
     """
     motions, solutions = _motions_of(request), []
-    _check_motions(request, motions, first_motion)
+    _check_motions(request, motions, first_motion_index)
     for motion, integrated in zip(motions, _integrate_together(request.options, motions), strict=True):
-        with _errors_named_by_motion(motion, first_motion):
+        with _errors_named_by_motion(motion, first_motion_index):
             solutions.append(_solve_motion(request.options, motion, integrated))
     return solutions
 
 
 def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> list[tuple[Array, Array] | None]:
-    """Return orientations and hinge angles of each motion, integrated many at a time; None where they cannot be."""
-    group_size = max(1, _MAX_GROUP_STEPS // len(options.t))
+    """Return (orientations, hinge angles) of each motion, integrated in groups of motions; None for each motion that
+    has steps of its own, or is alone in its group.
+    """
+    group_size = max(1, _MAX_STEPS_PER_MOTION_GROUP // len(options.t))
     results: list[tuple[Array, Array] | None] = []
     for first in range(0, len(motions), group_size):
         group = motions[first : first + group_size]
@@ -407,9 +410,8 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
 
 
 def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Array, Array] | None) -> Solution:
-    """Return the `Solution` of one motion (E12); raise if its tolerance is not reached.
-
-    `integrated` are its orientations and hinge angles where they were integrated together with others.
+    """Return the `Solution` of one motion (E12), from its orientations and hinge angles if these are integrated
+    already; raise ArgumentError if its tolerance is not reached.
     """
     signals = motion.signals
     solution = solve(options, signals["omega1"], signals["psid"], motion.start, motion.psi_0, integrated)
@@ -501,10 +503,14 @@ def _integrate_lazily(
         tails["R1"] = [_shape_of_one(part, len(t), point) for part in R1]
     arguments = {"pair": pair, "t": t, **motion_arguments, **other_arguments}
     arrays = apply_to_chunks(
-        _integrate_chunk, arguments, tails, template_function=_trajectory_template, first_index_name="first_motion"
+        _integrate_chunk,
+        arguments,
+        tails,
+        template_function=_trajectory_template,
+        first_index_name="first_motion_index",
     )
     errors = apply_to_chunks(
-        _estimate_errors, arguments, tails, template_function=_error_template, first_index_name="first_motion"
+        _estimate_errors, arguments, tails, template_function=_error_template, first_index_name="first_motion_index"
     )
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
@@ -523,25 +529,25 @@ def _shape_of_one(value: Any, instant_count: int, value_shape: tuple[int, ...]) 
     return (1 if is_constant else instant_count, *value_shape)
 
 
-def _integrate_chunk(first_motion: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
+def _integrate_chunk(first_motion_index: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
     """Integrate a chunk of motions, and return the arrays of their trajectory by name.
 
     Args:
-        first_motion: index of the chunk's first motion among all, for messages; None where it is not known.
+        first_motion_index: index of the chunk's first motion among all, for messages; None where it is not known.
         arguments: of `integrate`.
     """
     request = _read_request(**arguments)
-    return _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion)))
+    return _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion_index)))
 
 
-def _estimate_errors(first_motion: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Integrate a chunk of motions, and return both estimates of the error of each; shape (...,) rad."""
+def _estimate_errors(first_motion_index: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
+    """Integrate a chunk of motions; return by name the error estimates of attitude and psi of each, (...,) rad."""
     request = _read_request(**arguments | {"outputs": ()})
-    trajectory = _make_trajectory(request, _solve_motions(request, first_motion))
+    trajectory = _make_trajectory(request, _solve_motions(request, first_motion_index))
     return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
 
 
-def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:
+def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:
     """Check all arguments, and return arrays of the shapes and dtypes that `_integrate_chunk` returns for them.
 
     Only the first instant is integrated, which takes no step.
@@ -555,7 +561,7 @@ def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDAr
     }
     points = {name: array if array.ndim == 1 else array[..., :1, :] for name, array in request.points.items()}
     request = request._replace(options=request.options._replace(t=t[:1]), signals=signals, points=points)
-    arrays = _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion)))
+    arrays = _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion_index)))
     count = len(request.motions)
     steps = {"steps": arrays.pop("steps")}
     return steps | {
@@ -564,7 +570,7 @@ def _trajectory_template(first_motion: None, **arguments: Any) -> dict[str, NDAr
     }
 
 
-def _error_template(first_motion: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
+def _error_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
     """Return arrays of the shapes and dtypes that `_estimate_errors` returns."""
     shape = _read_request(**arguments | {"outputs": ()}).motions
     return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}

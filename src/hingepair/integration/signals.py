@@ -32,7 +32,7 @@ _MAX_SLICED_RUNS = 8  # runs of consecutive steps interpolated as slices, by a k
 
 
 class ConstantSignal:
-    """Signal of the same value at every time."""
+    """Signal of the same value at every time; of many motions, of one value for each."""
 
     motions: tuple[int, ...]  # leading shape of the motions; () for one
 
@@ -171,7 +171,7 @@ def read_signals(
 
 
 def check_finite_values(name: str, signal: Signal) -> None:
-    """Refuse a signal of one motion whose constant or samples are not finite; the error names the first index."""
+    """Raise ArgumentError if the constant or the samples of one motion's signal are not finite; name the index."""
     if isinstance(signal, ConstantSignal) and not np.isfinite(signal.value).all():
         raise ArgumentError(name, "finite numbers", f"{signal.value}")
     if isinstance(signal, SampledSignal) and not np.isfinite(signal.values).all():
@@ -186,7 +186,7 @@ def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[
 
 
 def object_array(shape: tuple[int, ...], values: Sequence[Any]) -> NDArray[np.object_]:
-    """Return values as an array of objects of a shape, in C order."""
+    """Return an array of objects with the given shape, filled with values in C order."""
     array = np.empty(len(values), object)
     array[:] = values
     return array.reshape(shape)

@@ -90,9 +90,10 @@ class _IntegratedValues(NamedTuple):
 def integrate_together(
     options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array
 ) -> tuple[Array, Array] | None:
-    """Return quaternions (M, N, 4), in the plane angles (M, N), and hinge angles (M, N) of M motions of equal steps.
+    """Return (orientations, hinge angles) of M motions over the same steps: quaternions (M, N, 4), or angles (M, N)
+    in the plane, and angles (M, N). Return None if the options give each motion steps of its own.
 
-    Return None where each motion has steps of its own: with a tolerance, by Euler angles and by SciPy's solver.
+    That is so with a tolerance, by Euler angles and by SciPy's solver. Overflow is not refused.
 
     Args:
         options: as for `solve`.
@@ -121,10 +122,8 @@ def solve(
     psi_0: float,
     integrated: tuple[Array, Array] | None = None,
 ) -> Solution:
-    """Return the solution of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0.
-
-    `integrated` are the orientations and hinge angles of the motion that `integrate_together` returned; None where
-    they are to be integrated.
+    """Return the solution of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0, or
+    from orientations and hinge angles that `integrate_together` returned for the motion (`integrated`).
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -173,9 +172,8 @@ def solve(
 def _integrate(
     integral: Integral, start: Any, selected: SelectedSteps, values: Array | None = None
 ) -> _IntegratedValues:
-    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error.
-
-    `values` are the integral between steps where it was computed already; overflow in them is refused here.
+    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error; `values` is
+    the integral between steps if it is computed already, and is refused if it has overflowed.
     """
     steps, measured_errors = selected.steps, selected.measured_errors.get(integral)
     if values is None:

@@ -283,7 +283,7 @@ class LazyResiduals(Results):
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
 
     def __getattr__(self, name: str) -> Any:
-        if name in _COMPUTED_ATTRIBUTE_NAMES:
+        if name in _COMPUTED_REPORT_ATTRIBUTE_NAMES:
             expected = f"LazyResiduals has no {name!r} before it is computed: report.compute(), or of motions larger"
             raise AttributeError(f"{expected} than memory report.compute_summary()", name=name, obj=self)
         return super().__getattr__(name)  # type: ignore[misc]
@@ -301,7 +301,7 @@ class LazyResiduals(Results):
 
 
 # Attributes of `Residuals` that a lazy report refuses.
-_COMPUTED_ATTRIBUTE_NAMES = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
+_COMPUTED_REPORT_ATTRIBUTE_NAMES = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
 
 
 def lazy_residuals(
@@ -327,16 +327,16 @@ def lazy_residuals(
     blocks = {
         key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARISON_ARRAY_NAMES
     }
-    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_NAME_PREFIX + kind in blocks]
-    bases = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
-    grid = blocks[_SIZE_NAME_PREFIX + kinds[0]].shape
+    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_ARRAY_NAME_PREFIX + kind in blocks]
+    basis_by_kind = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
+    grid = blocks[_SIZE_ARRAY_NAME_PREFIX + kinds[0]].shape
     summaries = []
     for index in np.ndindex(grid):
         own = {
-            kind: (blocks[_SIZE_NAME_PREFIX + kind][index], blocks[_TOLERANCE_NAME_PREFIX + kind][index])
+            kind: (blocks[_SIZE_ARRAY_NAME_PREFIX + kind][index], blocks[_TOLERANCE_ARRAY_NAME_PREFIX + kind][index])
             for kind in kinds
         }
-        summaries.append(delayed(_summarize_chunk, pure=True)(own, bases))
+        summaries.append(delayed(_summarize_chunk, pure=True)(own, basis_by_kind))
     summary = delayed(_merge_summaries, pure=True)(summaries, grid)
     shown = {key: array for key, array in arrays.items() if key not in _COMPARISON_ARRAY_NAMES}
     return LazyResiduals(shown, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary)
@@ -358,12 +358,12 @@ class _ResidualSummary(NamedTuple):
 
 
 def _summarize_chunk(
-    judged_arrays: Mapping[str, tuple[Float64Array, Float64Array]], bases: Mapping[str, str]
+    sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
     """Return the summary of one chunk from (sizes, tolerances) at every sample, by kind of residual."""
     judged = {}
-    for kind, (sizes, tolerance) in judged_arrays.items():
-        judged[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), bases[kind])
+    for kind, (sizes, tolerance) in sizes_and_tolerances.items():
+        judged[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
     return _summarize(judged)
 
 
@@ -385,30 +385,30 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
     firsts = [tuple(starts[axis][k] for axis, k in enumerate(index)) for index in by_index]
     pairs = list(zip(summaries, firsts, strict=True))
     rows = tuple(
-        _merge_rows([_shift_worst_sample(one.rows[k], first) for one, first in pairs])
+        _merge_checks([_shift_worst_sample(one.rows[k], first) for one, first in pairs])
         for k in range(len(summaries[0].rows))
     )
     return _ResidualSummary(rows, tuple(ends[-1] for ends in starts), sum(one.skipped for one in summaries))
 
 
-def _shift_worst_sample(row: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return the row of a chunk, with the index of its worst sample counted from the first sample of all chunks."""
-    if row.worst_sample is None:
-        return row
-    return row._replace(worst_sample=tuple(i + j for i, j in zip(row.worst_sample, chunk_start, strict=True)))
+def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
+    """Return the ResidualCheck of a chunk with the index of its worst sample counted from the first sample of all."""
+    if check.worst_sample is None:
+        return check
+    return check._replace(worst_sample=tuple(i + j for i, j in zip(check.worst_sample, chunk_start, strict=True)))
 
 
-def _merge_rows(rows: Sequence[ResidualCheck]) -> ResidualCheck:
-    """Return one residual's row for all samples from its rows for the chunks."""
-    compared = [row for row in rows if row.samples]
+def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
+    """Return the ResidualCheck of one residual for all samples, from its ResidualChecks for the chunks."""
+    compared = [check for check in checks if check.samples]
     if not compared:
-        return rows[0]
-    largest, samples = max(row.largest for row in compared), sum(row.samples for row in compared)
+        return checks[0]
+    largest, samples = max(check.largest for check in compared), sum(check.samples for check in compared)
     rms = largest
     if 0 < largest < math.inf:
-        parts = (row.samples * (row.rms / largest) ** 2 for row in compared)  # squares stay in range
+        parts = (check.samples * (check.rms / largest) ** 2 for check in compared)  # squares stay in range
         rms = largest * math.sqrt(math.fsum(parts) / samples)
-    worst = min(compared, key=lambda row: (-row.ratio, row.worst_sample))
+    worst = min(compared, key=lambda check: (-check.ratio, check.worst_sample))
     return worst._replace(largest=largest, rms=rms, samples=samples)
 
 
@@ -440,11 +440,13 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
 
 
-_SIZE_NAME_PREFIX = "size of "  # of the name of the array of a residual's sizes
-_TOLERANCE_NAME_PREFIX = "tolerance of "  # of the name of the array of a residual's tolerances
+_SIZE_ARRAY_NAME_PREFIX = "size of "  # of the name of the array of a residual's sizes
+_TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # of the name of the array of a residual's tolerances
 # Names of the arrays that judge residuals, which reports do not show.
 _COMPARISON_ARRAY_NAMES = {
-    prefix + kind for prefix in (_SIZE_NAME_PREFIX, _TOLERANCE_NAME_PREFIX) for kind in RESIDUAL_KIND_BY_NAME
+    prefix + kind
+    for prefix in (_SIZE_ARRAY_NAME_PREFIX, _TOLERANCE_ARRAY_NAME_PREFIX)
+    for kind in RESIDUAL_KIND_BY_NAME
 }
 
 
@@ -460,8 +462,8 @@ def residual_arrays(
     ratio = np.full(computed.shape, -np.inf)
     for judged in computed.judged.values():
         ratio = np.maximum(ratio, judged.ratio)
-    judging = {_SIZE_NAME_PREFIX + kind: judged.sizes for kind, judged in computed.judged.items()}
-    judging |= {_TOLERANCE_NAME_PREFIX + kind: judged.tolerance for kind, judged in computed.judged.items()}
+    judging = {_SIZE_ARRAY_NAME_PREFIX + kind: judged.sizes for kind, judged in computed.judged.items()}
+    judging |= {_TOLERANCE_ARRAY_NAME_PREFIX + kind: judged.tolerance for kind, judged in computed.judged.items()}
     return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **judging}
 
 
