@@ -49,7 +49,8 @@ def test_an_offset_is_found_with_the_hinge(late: float) -> None:
     assert found.std["u1"].max() < 0.2e-3
     assert found.ok
     order = "later" if late > 0 else "earlier"
-    assert f"ms {order} than its stamps say" in " ".join(found.findings)
+    assert f"ms {order} than its time stamps say" in " ".join(found.findings)
+    assert f"ms; body 2 was recorded {order} than its time stamps say" in str(found)
     lost = int(np.floor(abs(late) * 200 + 0.25))
     assert found.samples == pytest.approx(2000 - lost, abs=1)
 
@@ -115,7 +116,7 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
     assert known.std["u1"].max() < sought.std["u1"].max()
     assert none.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
     lines = [next(line for line in str(fit).split("\n") if "offset" in line) for fit in (known, sought, none)]
-    later = "; body 2 was recorded so much later than its stamps say"
+    later = "; body 2 was recorded later than its time stamps say"
     assert lines[0] == f"clock offset: 10 ms (given){later}"
     assert " +- " in lines[1]
     assert lines[1].endswith(f" ms{later}")
@@ -203,7 +204,7 @@ def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -
     assert found.clock_offset == pytest.approx(late, abs=4 * found.std["clock_offset"])
     assert found.std["clock_offset"] < (0.2e-3 if loss == "linear" else 1e-3)
     assert (np.abs(found.pair.u1 - true_centre(N1)) < 4.5 * found.std["u1"]).all()
-    assert f"ms {'later' if late > 0 else 'earlier'} than its stamps say" in " ".join(found.findings)
+    assert f"ms {'later' if late > 0 else 'earlier'} than its time stamps say" in " ".join(found.findings)
     assert found.body2.S is None
 
 

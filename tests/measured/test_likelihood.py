@@ -7,7 +7,7 @@ import pytest
 
 from hingepair.measured.hinge import GAUGE_NAMES, Hinge, frame, home_of, result_derivatives, sign_of
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVES_BY_NAME,
+    LOSS_DERIVATIVE_FUNCTION_BY_NAME,
     Noise,
     SampleResiduals,
     evaluate_hinge,
@@ -184,10 +184,10 @@ def scipy_loss(name: str, z: float) -> float:
     return 2 * float(least_squares(lambda x: np.sqrt([z]) + 0 * x, [0.0], loss=name).cost)
 
 
-@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVES_BY_NAME if name != "linear"])
+@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVE_FUNCTION_BY_NAME if name != "linear"])
 def test_losses_are_those_of_scipy(name: str) -> None:
     """First and second derivative, against differences of order 4 of rho."""
-    loss = LOSS_DERIVATIVES_BY_NAME[name]
+    loss = LOSS_DERIVATIVE_FUNCTION_BY_NAME[name]
     assert loss is not None
     assert loss(np.array([0.0]))[0][0] == 1.0
     for z in (0.05, 0.3, 0.9, 1.1, 2.5, 10.0, 80.0):

@@ -964,14 +964,14 @@ FAULTS = {
     ),
     "no second round along the smooth path": Fault(
         "measured/smooth.py",
-        "_ATTITUDE_ROUNDS = 2",
-        "_ATTITUDE_ROUNDS = 1",
+        "_NUM_ATTITUDE_SMOOTHING_ROUNDS = 2",
+        "_NUM_ATTITUDE_SMOOTHING_ROUNDS = 1",
         "measured/test_smooth.py::test_rough_attitudes_are_smoothed_along_a_smooth_path",
     ),
     "degrees of freedom hardly counted": Fault(
         "measured/spline.py",
-        "_DEGREE_OF_FREEDOM_COST = 1.4",
-        "_DEGREE_OF_FREEDOM_COST = 0.3",
+        "_CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4",
+        "_CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 0.3",
         "measured/test_smooth.py::test_errors_of_derivatives_are_what_it_says[0.001-0.002]",
     ),
     "clusters turned inside out": Fault(
@@ -988,8 +988,8 @@ FAULTS = {
     ),
     "noise taken for an arc": Fault(
         "measured/circle.py",
-        "_MIN_PATH_WIDTH_RATIO = 3.0",
-        "_MIN_PATH_WIDTH_RATIO = 0.0",
+        "_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 3.0",
+        "_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 0.0",
         "measured/test_points.py::test_what_is_no_circle_is_said[little turning]",
     ),
     "biases of gyroscopes taken for known": Fault(
@@ -1006,7 +1006,7 @@ FAULTS = {
     ),
     "correlated noise taken for white": Fault(
         "measured/spline.py",
-        "gain = _INDEPENDENT_TERM_RATIO * columns",
+        "gain = _INDEPENDENT_SPECTRUM_TERM_FRACTION * columns",
         "gain = 0 * columns",
         "measured/test_smooth.py::test_noise_with_memory_is_not_followed[0.9]",
     ),
@@ -1048,8 +1048,8 @@ FAULTS = {
     ),
     "noise in the rates taken for a sign of the clock offset": Fault(
         "measured/likelihood.py",
-        "MIN_CLOCK_OFFSET_SIGNAL_RATIO = 10.0",
-        "MIN_CLOCK_OFFSET_SIGNAL_RATIO = 0.0",
+        "MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0",
+        "MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 0.0",
         "measured/test_clock.py::test_a_body_1_that_stands_still_does_not_determine_the_offset",
     ),
     "home turns the long way in the covariance": Fault(
@@ -1078,7 +1078,7 @@ FAULTS = {
     ),
     "psi = 0 where noise puts it": Fault(
         "measured/hinge.py",
-        "if hinge.n @ hinge.m > _MIN_SHORTEST_TURN_COSINE",
+        "if hinge.n @ hinge.m > _MIN_AXES_COSINE_FOR_SHORTEST_TURN",
         "if hinge.n @ hinge.m > -2",
         "measured/test_fit.py::test_psi_is_0_at_one_place_where_the_axes_are_opposite[(0, 1, 0)]",
     ),

@@ -21,9 +21,9 @@ from hingepair.cli.output import (
 )
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import GAUGE_NAMES, SIGN_RULE_SENTENCE
+from hingepair.measured.hinge import GAUGE_NAMES, SIGN_AND_HOME_RULES_TEXT
 from hingepair.measured.hinge_fit import HingeFit, fit
-from hingepair.measured.likelihood import LOSS_DERIVATIVES_BY_NAME
+from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
@@ -43,7 +43,8 @@ def fit_command(
     loss: Annotated[
         str,
         typer.Option(
-            help=f"Loss function: {', '.join(LOSS_DERIVATIVES_BY_NAME)}. Choose cauchy if there may be outliers."
+            help=f"Loss function: {', '.join(LOSS_DERIVATIVE_FUNCTION_BY_NAME)}. "
+            "Choose cauchy if there may be outliers."
         ),
     ] = "linear",
     gauge: Annotated[
@@ -267,7 +268,7 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
         "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its "
-        f"standard deviation. {SIGN_RULE_SENTENCE}",
+        f"standard deviation. {SIGN_AND_HOME_RULES_TEXT}",
         "",
         "## Residuals",
         "",

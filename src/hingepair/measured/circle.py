@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from hingepair.errors import FitError
 from hingepair.measured.findings import (
     MAX_AXIS_STD,
-    MAX_NEIGHBOUR_CORRELATION,
-    MAX_RELATIVE_POINT_STD,
-    MIN_OUTLIER_SQUARED_RESIDUAL,
+    MAX_NEIGHBOUR_RESIDUAL_CORRELATION,
+    MAX_POINT_STD_TO_LEVER_LENGTH,
+    MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL,
     Finding,
 )
 from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilt_axis
@@ -25,13 +25,13 @@ from hingepair.measured.likelihood import (
     CHI2_MEDIAN_BY_DOF,
     MAX_CLOCK_OFFSET_STD,
     MAX_FIRST_STEP_SAMPLES,
-    MIN_CLOCK_OFFSET_SIGNAL_RATIO,
+    MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE,
     Loss,
     PosesAt,
     num_neighbours_to_sum,
     solve_semidefinite,
 )
-from hingepair.measured.relative_poses import MAX_RANKING_SAMPLES, RelativePoses
+from hingepair.measured.relative_poses import MAX_CANDIDATE_RANKING_SAMPLES, RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
 _TRIPLES, _ROUGH_TRIPLES = 300, 60  # of samples, each of which gives a circle; where clock offsets are compared
@@ -40,16 +40,18 @@ _NUM_CIRCLE_PARAMETERS = 6
 # Limit on the number of samples that no recording reaches.
 _UNLIMITED_SAMPLE_COUNT = 2**62
 _MAX_CIRCLE_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
-_MAX_AXIS_TURN_PER_STEP = 0.3  # of the axis in one step [rad]; of lengths, in parts of the diameter
-_MAX_LAST_STEP_STDS = 1e-3  # in standard deviations
+# Turn of the axis [rad]; shift of the centre and change of the radius, divided by the diameter.
+_MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP = 0.3
+_MAX_CONVERGED_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
 _CIRCLE_LOSS_SCALE, _GROSS_SIZE = (
     5.99,
     900.0,
 )  # of squares, in variances, at which losses bend and samples stop to count
-_MIN_PATH_WIDTH_RATIO = 3.0  # width of the path across its chord, in parts of that out of its plane
-_MAX_SYSTEMATIC_RESIDUAL_RATIO = 0.02  # of the radius: residuals that are no noise and can be put up with
-_MAX_RESAMPLING_ERROR = 1e-6  # [s], [rad], parts of the radius: that of exact samples moved to other instants
-_CIRCLE_DERIVATIVE_STEP = 1e-6  # step of the derivatives of the results
+_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 3.0  # extents of the path across its chord: in its plane and out of it
+_MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS = 0.02  # of residuals that are not noise: a hinge is still reported below this
+_MAX_RESAMPLING_ERROR_TO_RADIUS = 1e-6  # of exact samples moved to other instants
+_MAX_CONVERGED_OFFSET_STEP = 1e-6  # of the clock offset [s]
+_CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences of the results
 
 
 class Circle(NamedTuple):
@@ -66,7 +68,9 @@ class Circle(NamedTuple):
 
     @property
     def zero_direction(self) -> Float64Array:
-        """Return the unit vector from the centre to the point of the circle where psi = 0; (3,)."""
+        """Return the unit vector, in axes of body 1, from the centre to the point of the circle where psi = 0;
+        (3,).
+        """
         across = np.eye(3)[first_axis_across(self.n)]
         start = across - (across @ self.n) * self.n
         return np.asarray(start / np.linalg.norm(start))
@@ -83,8 +87,9 @@ class Circle(NamedTuple):
 
 
 class CircleFit(NamedTuple):
-    """The most likely circle of a moving point, with the residuals of every sample, findings, and the covariance of
-    the hinge that follows from the circle.
+    """The most likely circle of a moving point, with the residuals and weights of every sample, the noise,
+    findings, the covariance of the hinge that follows from the circle, and the clock offset with its standard
+    deviation.
     """
 
     circle: Circle
@@ -101,8 +106,8 @@ class CircleFit(NamedTuple):
     normal: Float64Array  # matrix of the normal equations, in squares of metres; (6, 6), or (7, 7) with the offset
 
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
-        """Return whether the motion determines the clock offset as well as the circle. The derivatives of
-        `noise_poses` by the offset are as large as the noise in those of the fitted poses.
+        """Return whether the motion determines the clock offset: whether the residuals depend on the offset far
+        more than they would by noise alone. The derivatives of `noise_poses` by the offset are such noise.
         """
         k = _NUM_CIRCLE_PARAMETERS
         across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]
@@ -110,14 +115,15 @@ class CircleFit(NamedTuple):
         _, change = _residuals_and_derivatives(self.circle, noise_poses)
         noise = float(self.weights @ (change[:, :, k] ** 2).sum(axis=1))
         certain = shown * MAX_CLOCK_OFFSET_STD**2 > self.noise**2
-        return self.has_converged and bool(shown > MIN_CLOCK_OFFSET_SIGNAL_RATIO * noise and certain)
+        return self.has_converged and bool(shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * noise and certain)
 
 
 def fit_circle(
     poses: RelativePoses, loss: Loss | None, gauge: str, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> CircleFit:
-    """Fit the most likely circle to the path of a point of body 2, as body 1 sees it; return a CircleFit. Estimate
-    the clock offset too where `poses_at` is given. Raise FitError where the samples show no circle.
+    """Fit the most likely circle to the path of a point of body 2, seen from body 1; return a CircleFit. Where
+    `poses_at` is given, estimate the clock offset too, with `offset` as its first value. Raise FitError where the
+    samples show no circle.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -143,15 +149,15 @@ def fit_circle(
             gradient = np.einsum("n,nij,ni->j", weights, change, residuals)
             step = -solve_semidefinite(normal, gradient)
             turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * circle.radius))
-            share = min(1.0, _MAX_AXIS_TURN_PER_STEP / max(turn, 1e-300))
+            share = min(1.0, _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP / max(turn, 1e-300))
             circle = circle.moved(share * step)
             least = 1e-15
             if some.rates is not None:
                 delay = float(step[_NUM_CIRCLE_PARAMETERS])
                 offset += share * delay
                 some = poses_at(offset, most)
-                least = _MAX_RESAMPLING_ERROR if abs(delay) < _MAX_RESAMPLING_ERROR else 0.0
-            has_converged = bool(step @ normal @ step <= _MAX_LAST_STEP_STDS**2 * variance or turn < least)
+                least = _MAX_RESAMPLING_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_OFFSET_STEP else 0.0
+            has_converged = bool(step @ normal @ step <= _MAX_CONVERGED_STEP_IN_STDS**2 * variance or turn < least)
             if has_converged:
                 break
     n = sign_of(circle.n) * circle.n
@@ -159,8 +165,12 @@ def fit_circle(
     residuals, change = _residuals_and_derivatives(circle, some)
     _, weights = _variance_and_weights(residuals, some.weights, loss)
     squares = (residuals * residuals).sum(axis=1)
-    outliers = squares > MIN_OUTLIER_SQUARED_RESIDUAL * max(float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2], 1e-300)
-    explained = 1e-12 * np.abs(some.p).max() if some.rates is None else _MAX_RESAMPLING_ERROR * circle.radius
+    outliers = squares > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL * max(
+        float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2], 1e-300
+    )
+    explained = (
+        1e-12 * np.abs(some.p).max() if some.rates is None else _MAX_RESAMPLING_ERROR_TO_RADIUS * circle.radius
+    )
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
     scores = np.einsum("n,nij,ni->jn", weights, change, residuals)
@@ -170,8 +180,9 @@ def fit_circle(
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
     circle_covariance = free * inverse @ (sums @ sums.T) @ inverse.T
     columns = [
-        (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge)) / (2 * _CIRCLE_DERIVATIVE_STEP)
-        for x in _CIRCLE_DERIVATIVE_STEP * np.eye(_NUM_CIRCLE_PARAMETERS)
+        (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge))
+        / (2 * _CIRCLE_PARAMETER_DIFFERENCE_STEP)
+        for x in _CIRCLE_PARAMETER_DIFFERENCE_STEP * np.eye(_NUM_CIRCLE_PARAMETERS)
     ]
     derivatives = np.stack(columns, axis=-1)
     covariance = derivatives @ circle_covariance[:_NUM_CIRCLE_PARAMETERS, :_NUM_CIRCLE_PARAMETERS] @ derivatives.T
@@ -183,7 +194,10 @@ def fit_circle(
     )
     good = some.p.T[(weights > 0) & ~outliers]
     widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
-    if widths[1] < _MIN_PATH_WIDTH_RATIO * widths[2] and neighbour_correlations.max() <= MAX_NEIGHBOUR_CORRELATION:
+    if (
+        widths[1] < _MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH * widths[2]
+        and neighbour_correlations.max() <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    ):
         text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
         findings = [Finding(text, False)]
     return CircleFit(
@@ -203,8 +217,8 @@ def fit_circle(
 
 
 def circle_misfit(poses: RelativePoses) -> float:
-    """Return how badly a circle fits the positions of a point: the logarithm of the median squared distance from the
-    best circle found in a few steps.
+    """Return how badly a circle fits the positions of a point: the logarithm of the median squared distance [m^2]
+    from the best circle found in a few steps. Raise FitError for fewer than four samples or samples on a line.
     """
     circle = _circle_of_random_triples(poses.p.T, _ROUGH_TRIPLES)
     for _ in range(_ROUGH_STEPS):
@@ -214,7 +228,7 @@ def circle_misfit(poses: RelativePoses) -> float:
         normal = np.einsum("n,nij,nik->jk", weights, change, change)
         step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, change, rest))
         turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
-        circle = circle.moved(step * min(1.0, _MAX_AXIS_TURN_PER_STEP / max(turn, 1e-300)))
+        circle = circle.moved(step * min(1.0, _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP / max(turn, 1e-300)))
     rest, _ = _residuals_and_derivatives(circle, poses)
     return float(np.log(np.median((rest * rest).sum(axis=1)) + 1e-30 * poses.size**2))
 
@@ -222,8 +236,9 @@ def circle_misfit(poses: RelativePoses) -> float:
 def _variance_and_weights(
     residuals: Float64Array, sample_weights: Float64Array, loss: Loss | None
 ) -> tuple[float, Float64Array]:
-    """Return the variance of a coordinate [m^2], estimated from the residuals (N, 2), and the weights of the samples
-    (N,). A loss reduces the weights of outliers; None keeps them.
+    """Return the variance of a coordinate [m^2], estimated from the residuals (N, 2), and the weights of the
+    samples (N,). A loss function reduces the weights of outliers; with `loss` None, the weights are
+    `sample_weights`.
     """
     squares = (residuals * residuals).sum(axis=1)
     if loss is None:
@@ -239,8 +254,9 @@ def _results(circle: Circle, gauge: str) -> Float64Array:
 
 
 def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
-    """Return the distances of the samples out of the plane of the circle and across the circle (N, 2), and their
-    derivatives by the six parameters of the circle (N, 2, 6).
+    """Return the distances of the samples from the plane of the circle and, in that plane, from the circle (N, 2),
+    and the derivatives of both distances with respect to the six parameters of the circle (N, 2, 6). Where the poses
+    have rates, the derivatives with respect to the clock offset come last (N, 2, 7).
 
     With rates the derivatives by the clock offset come last; (N, 2, 7).
     """
@@ -260,8 +276,8 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
 
 
 def _circle_of_random_triples(p: Float64Array, num_triples: int = _TRIPLES) -> Circle:
-    """Return the circle, of those through `num_triples` random triples of samples, whose median distance from the
-    samples is least. Raise FitError where all samples are on a line.
+    """Return the circle with the least median distance from the samples, among the circles through `num_triples`
+    random triples of samples. Raise FitError for fewer than four samples, or where all triples are on lines.
     """
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")
@@ -278,7 +294,7 @@ def _circle_of_random_triples(p: Float64Array, num_triples: int = _TRIPLES) -> C
     bb, cc = (np.einsum("ni,ni->n", v, v)[:, None] for v in (ab, ac))
     centres = a + np.cross(normal, bb * ac - cc * ab) / (-2 * area**2)[:, None]
     axes, radii = normal / area[:, None], np.linalg.norm(a - centres, axis=1)
-    judges = p[:: -(-p.shape[0] // MAX_RANKING_SAMPLES)]
+    judges = p[:: -(-p.shape[0] // MAX_CANDIDATE_RANKING_SAMPLES)]
     off = judges[None] - centres[:, None]
     out = np.einsum("kni,ki->kn", off, axes)
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]
@@ -296,8 +312,9 @@ def _circle_findings(
     has_converged: bool,
     gauge: str,
 ) -> list[Finding]:
-    """Return findings on a fitted circle: outliers, systematic residuals, an axis or a point known too poorly, steps
-    that did not converge. Those that decide the verdict come first.
+    """Return a list of findings on a fitted circle: outliers, systematic residuals, a large standard deviation of
+    the axis or of the hinge point, and steps that did not converge. Findings that make the hinge unreliable come
+    first.
     """
     findings = []
     if is_outlier.any():
@@ -321,11 +338,11 @@ def _circle_findings(
         strict=True,
     ):
         if (
-            correlation <= MAX_NEIGHBOUR_CORRELATION
-            or size <= max(1e-9, 0.25 * _MAX_SYSTEMATIC_RESIDUAL_RATIO) * circle.radius
+            correlation <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+            or size <= max(1e-9, 0.25 * _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS) * circle.radius
         ):
             continue
-        if size >= _MAX_SYSTEMATIC_RESIDUAL_RATIO * circle.radius:
+        if size >= _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS * circle.radius:
             findings.append(Finding(no_circle.format(size), False))
         else:
             share = f"{100 * size / circle.radius:.2g} % of the radius, and not at random"
@@ -337,7 +354,7 @@ def _circle_findings(
         findings.append(Finding(text, False))
     levers = circle.levers(gauge)
     reach = max(float(np.linalg.norm(lever)) for lever in levers)
-    if vague > MAX_RELATIVE_POINT_STD * reach:
+    if vague > MAX_POINT_STD_TO_LEVER_LENGTH * reach:
         findings.append(
             Finding(f"The hinge point is known to {vague:.2g} m only: let the point turn further.", False)
         )

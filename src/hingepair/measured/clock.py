@@ -24,22 +24,22 @@ from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
-_MAX_SHIFT_IN_TIME_STEPS = (
-    0.75  # of the usual step: the longest time over which a sample is moved along the smoothed motion
-)
-_MAX_BRIDGED_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
-_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
+# Longest time over which a sample is moved along the smoothed motion.
+_MAX_SAMPLE_SHIFT_IN_TIME_STEPS = 0.75
+_MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
+_MAX_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
 _MAX_SCANNED_OFFSET, _MAX_SCANNED_SHARE = 0.5, 0.25  # [s], and in parts of the recording
-_OFFSET_SCAN_STEP_RATIO = 0.1  # of the time in which body 2's motion changes
+_OFFSET_SCAN_STEP_TO_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_OFFSET_IN_TIME_STEPS = 0.05  # of the usual step
 # In the logarithm of the likelihood of a sample, by which a far offset must be better than a near one.
-_MIN_LOG_LIKELIHOOD_GAIN = 0.5
+_MIN_LOG_LIKELIHOOD_GAIN_OF_DISTANT_OFFSET = 0.5
 
 
 class ClockedPoses:
-    """Relative poses of two recordings whose clocks differ, computed for any clock offset: by how much later body 2
-    was recorded than body 1 at equal stamps. The motion of body 2 is smoothed once.
+    """Relative poses of two recordings whose clocks differ, computed for any clock offset. The offset is the time
+    by which body 2 was recorded later than body 1 at equal stamps. The motion of body 2 is smoothed once, at
+    construction.
     """
 
     def __init__(self, samples: Samples, loss: Loss | None) -> None:
@@ -50,7 +50,7 @@ class ClockedPoses:
         hidden = ~known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP, loss)
+        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP_DURATION, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
         self._rate_noise = parts["R"].errors[1], parts["S"].errors[1]
@@ -59,7 +59,7 @@ class ClockedPoses:
     @staticmethod
     def possible(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether there are enough samples of body 2 in a row to smooth it."""
-        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP, MIN_PIECE_SAMPLES))
+        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_PIECE_SAMPLES))
 
     def rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return which samples of body 1 have a sample of body 2 at the same time."""
@@ -68,21 +68,22 @@ class ClockedPoses:
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return the indices of usable samples of body 1, the indices of the samples of body 2 nearest in time to
-        each at a clock offset, and by how much later body 2 is needed there [s].
+        """Return three arrays of equal length: the indices of usable samples of body 1, the indices of the samples
+        of body 2 nearest in time to these at a clock offset, and the time shifts [s] that take the latter samples
+        to the instants of the former.
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SHIFT_IN_TIME_STEPS * self._step)
+        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SAMPLE_SHIFT_IN_TIME_STEPS * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 
     def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the relative poses at a clock offset, at most `max_samples` of them, together with their derivatives
-        by the offset.
+        """Return the relative poses at a clock offset, with their derivatives with respect to the offset. With
+        `max_samples`, use at most about that many samples, evenly thinned.
         """
         rows, near, shift = self._matched(offset, max_samples)
         v, omega, a, alpha = self._rates[:, near]
@@ -92,15 +93,17 @@ class ClockedPoses:
     def _shifted_body2(
         self, sample_indices: NDArray[np.intp], time_shifts: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Return R and S of samples of body 2, each moved along its smoothed motion by its own time shift [s]."""
+        """Return the positions R (M, 3) and the rotation matrices S (M, 3, 3) of samples of body 2, each moved
+        along the smoothed motion by its time shift [s].
+        """
         v, omega, a, alpha = self._rates[:, sample_indices]
         dt = time_shifts[:, None]
         turn = np.asarray(rotation_exp((omega + alpha * (dt / 2)) * dt))
         return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
     def body2(self, offset: float) -> BodyMotion:
-        """Return the motion of body 2, shifted by the clock offset to the instants of body 1; NaN where body 2 was
-        not recorded.
+        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset to the instants of
+        body 1. R and S are NaN where body 2 has no sample near enough.
         """
         rows, near, shift = self._matched(offset, None)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
@@ -108,8 +111,8 @@ class ClockedPoses:
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return relative poses whose derivatives by the clock offset are random numbers, as large as the noise in
-        the derivatives that `poses_at` returns.
+        """Return relative poses whose derivatives with respect to the clock offset are random numbers. These
+        numbers are as large as the noise in the derivatives that `poses_at` returns.
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
@@ -124,8 +127,8 @@ class ClockedPoses:
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
-        """Return the relative poses of body 2 at the given samples of body 1. The velocities v and omega of body 2
-        become their derivatives by the clock offset.
+        """Return the relative poses of body 2 at the samples `body1_rows` of body 1. The derivatives of the poses
+        with respect to the clock offset are computed from v and omega, the velocities of body 2.
         """
         samples = self._samples
         S1 = samples.S1[body1_rows]
@@ -139,26 +142,29 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset; an empty list where it is below a twentieth
-        of the time step.
+        """Return a list with one sentence that states the clock offset. The list is empty where the offset is
+        below a twentieth of the time step.
         """
         if abs(offset) < _MIN_MENTIONED_OFFSET_IN_TIME_STEPS * self._step:
             return []
         order = "later" if offset > 0 else "earlier"
-        return [f"Body 2 was recorded {1e3 * abs(offset):.3g} ms {order} than its stamps say; this is taken out."]
+        return [
+            f"Body 2 was recorded {1e3 * abs(offset):.3g} ms {order} than its time stamps say; the fit corrects this."
+        ]
 
     @property
     def time_scale(self) -> float:
         """Return the time in which the motion of body 2 changes [s]: its median velocity divided by its median
-        acceleration, linear or angular, whichever is shorter.
+        acceleration. Of the linear and the angular time, the shorter one is returned; 1 s where body 2 is at rest.
         """
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
-        """Scan clock offsets and return the one of least misfit [s]: the local minimum near 0, unless a distant
-        offset is clearly better. `misfit` is a function of relative poses.
+        """Scan clock offsets and return the one with the least misfit [s]: the local minimum near 0, unless a distant
+        offset is clearly better. `misfit` is a function that returns minus the logarithm of the likelihood of
+        relative poses.
 
         Args:
             misfit: minus the logarithm of the likelihood of a sample of the poses at an offset.
@@ -167,13 +173,13 @@ class ClockedPoses:
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_SHARE * length)
         count = int(
             np.clip(
-                np.ceil(span / max(_OFFSET_SCAN_STEP_RATIO * self.time_scale, self._step / 2)),
+                np.ceil(span / max(_OFFSET_SCAN_STEP_TO_TIME_SCALE * self.time_scale, self._step / 2)),
                 2,
                 _MAX_OFFSET_TRIALS_PER_SIDE,
             )
         )
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.poses_at(offset, _OFFSET_SCAN_SAMPLES) for offset in offsets]
+        trials = [self.poses_at(offset, _MAX_OFFSET_SCAN_SAMPLES) for offset in offsets]
         costs = np.array([np.inf if poses.samples < MIN_PIECE_SAMPLES else misfit(poses) for poses in trials])
         place = count
         while True:
@@ -183,12 +189,14 @@ class ClockedPoses:
                 break
             place = best
         far = int(np.argmin(costs))
-        return float(offsets[far if costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN else place])
+        return float(
+            offsets[far if costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN_OF_DISTANT_OFFSET else place]
+        )
 
 
 def hinge_misfit(poses: RelativePoses, known_hinge: Hinge | None) -> float:
-    """Return minus the logarithm of the likelihood of a sample for a hinge (up to a constant). Without a known hinge
-    (None), that of the closed-form hinge of the poses is returned.
+    """Return minus the logarithm of the likelihood of the poses for a hinge, per sample and up to a constant. With
+    `known_hinge` None, the hinge is the closed-form hinge of the poses.
 
     A known hinge is judged by medians of the squared residuals, any other by their means.
     """

@@ -11,19 +11,20 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
-_MAX_REFINEMENT_ROUNDS = 60  # of poses by the markers' places in the body, and of these places by the poses
-_MIN_RELATIVE_PROGRESS = 1e-6  # of the rms distance in a round, from which another follows
+_MAX_PLACE_REFINEMENT_ROUNDS = 60  # of poses by the markers' places in the body, and of these places by the poses
+_MIN_RELATIVE_DECREASE_OF_SQUARED_DISTANCES = 1e-6  # in a round, above which another round follows
 # Markers in a sample from which it has an attitude.
 _MIN_MARKERS_PER_SAMPLE = 3
-_MIN_CLUSTER_WIDTH_RATIO = 0.02  # second extent of a cluster in parts of the first, from which its attitude is shown
-_MIN_MOVED_MARKER_RATIO = 3.0  # of a marker's distances to those without it, from which it is said to have moved
-_ROUNDING_DISTANCE_RATIO = 1e-9  # of the cluster's size: distances that rounding explains
+_MIN_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
+# Of the fits with and without a marker, from which the marker is said to have moved.
+_MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
+_ROUNDING_DISTANCE_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ClusterFit:
-    """What `fit_cluster` returns: the motion of a body that carries a rigid cluster of markers, the places of the
-    markers on it, and how far each marker is off its place.
+    """The result of `fit_cluster`: the motion of a body that carries a rigid cluster of markers, the places of the
+    markers on the body, the distances of the markers from these places, the noise, and whether the cluster is rigid.
 
     Attributes:
         body: the motion: R, the mean of the cluster's markers, and S; NaN where fewer than three markers are seen;
@@ -48,6 +49,7 @@ class ClusterFit:
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
     """Fit the poses of a body, sample by sample, to the recorded positions of markers fixed on it, by least squares
     (Kabsch's algorithm); return a ClusterFit. Fit the markers' places on the body too unless `reference` gives them.
+    Raise FitError where the markers do not determine the attitude.
 
     Args:
         markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3), three
@@ -110,7 +112,8 @@ def _rms(off: Float64Array, is_seen: Float64Array) -> Float64Array:
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
     """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows most
-    markers. Other markers are placed by later samples; raise FitError where none allows that.
+    markers. Markers missing there are placed by other samples; raise FitError where no sample shows such a marker
+    with three placed ones.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -128,19 +131,20 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
 
 
 def _check_not_on_line(cluster: Float64Array) -> None:
-    """Raise FitError where the markers of a cluster are on a line, since then the attitude about the line is not
-    determined.
+    """Raise FitError where the places of the markers, `cluster` (M, 3), are on a line: the attitude about the line
+    would not be determined.
     """
     widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
-    if widths[1] <= _MIN_CLUSTER_WIDTH_RATIO * widths[0]:
+    if widths[1] <= _MIN_CLUSTER_WIDTH_TO_LENGTH * widths[0]:
         raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
 
 
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return R (N, 3) and S (N, 3, 3) of the body that fit the marker positions by least squares, and the distances
-    of the markers from their places (N, M). `is_seen` (N, M) is 1 where a marker is seen, else 0.
+    """Return R (N, 3) and S (N, 3, 3) of the body that fit the marker positions `places` (N, M, 3) to the markers'
+    places on the body, `cluster` (M, 3), by least squares, and the distances that remain (N, M). `is_seen` (N, M)
+    is 1 where a marker is seen, else 0.
     """
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
@@ -158,16 +162,18 @@ def _kabsch_poses(
 def _fit_poses_and_places(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Fit the poses of the body and, where `refine_places`, in turn the markers' places on it. Return R, S, the
-    distances of the markers from their places, and the places.
+    """Fit the poses of the body to the marker positions and, if `refine_places`, the markers' places on the body
+    too, in turns. Return R, S, the distances of the markers from their places, and the places.
     """
     axes = None
     before = np.inf
-    for _ in range(_MAX_REFINEMENT_ROUNDS if refine_places else 1):
+    for _ in range(_MAX_PLACE_REFINEMENT_ROUNDS if refine_places else 1):
         R, S, off = _kabsch_poses(places, is_seen, cluster)
         axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
         total = float((off**2).sum())
-        if not refine_places or (np.isfinite(before) and before - total <= _MIN_RELATIVE_PROGRESS * before):
+        if not refine_places or (
+            np.isfinite(before) and before - total <= _MIN_RELATIVE_DECREASE_OF_SQUARED_DISTANCES * before
+        ):
             break
         before = total
         own = np.einsum("nji,nmj->nmi", S, places - R[:, None])
@@ -184,11 +190,11 @@ def _fit_poses_and_places(
 def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
-    """Return a list with one sentence that names the marker, or the markers of which one, moved against the others;
-    an empty list where the cluster is rigid.
+    """Return a list with one sentence on the marker that moved against the others, or on several markers of which
+    one moved. The list is empty where the cluster is rigid.
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
-    if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_RATIO * cluster_size:
+    if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:
         return []
     left = []
     for marker in range(cluster.shape[0]):
@@ -204,7 +210,9 @@ def _moved_marker_sentences(
     free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - 3 * cluster.shape[0] + 6
     own = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
     best = int(np.argmin(left))
-    if own < _MIN_MOVED_MARKER_RATIO * max(left[best], _ROUNDING_DISTANCE_RATIO * cluster_size):
+    if own < _MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER * max(
+        left[best], _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size
+    ):
         return []
     alike = [f"{marker}" for marker in range(len(left)) if left[marker] < 2 * left[best]]
     if len(alike) > 1:

@@ -21,27 +21,27 @@ from hingepair.rotations.matrices import (
     rotation_vector,
 )
 
-_MAX_SCREENING_SAMPLES = 2048  # samples that tell whether the bodies turn, and what other joint they have
-_MAX_FINDING_SAMPLES = 65536  # samples that findings are made of
+_MAX_JOINT_SCREENING_SAMPLES = 2048  # samples that tell whether the bodies turn, and what other joint they have
+_MAX_SAMPLES_FOR_FINDINGS = 65536  # samples that findings are made of
 # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes.
-_MIN_TURNING_SCATTER = 0.05
-_MIN_AXIS_TURNING_RATIO = 2.0  # of the turning about one axis to that about the next, where there is little of both
-MAX_NEIGHBOUR_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
+_MIN_TURNING_ATTITUDE_SCATTER = 0.05
+_MIN_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS = 2.0  # of relative attitudes; counts where both scatters are small
+MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.5  # of neighbouring samples; above, residuals are not noise
 # Of r^T C^-1 r, scaled so that its median is that of noise, from which a sample is an outlier.
-MIN_OUTLIER_SQUARED_RESIDUAL = 50.0
+MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL = 50.0
 # Residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains.
-_MAX_ROUNDING_RESIDUAL = 1e-12
+_MAX_RELATIVE_ROUNDING_RESIDUAL = 1e-12
 _MAX_MISTAKE_TRIAL_SAMPLES = 400  # samples that mistakes are tried with
 _MAX_MISTAKE_MISFIT_RATIO, _MAX_MISTAKE_MISFIT = 0.2, 0.1
 """Misfit that a cause may leave, in parts of that without it, and at all [rad, parts of the bodies' distance]."""
-# Of the hinge point in parts of the levers' length, that is not at random and can be put up with.
-_MAX_RELATIVE_PLAY = 0.02
+# Motion of the hinge point that is not random: a hinge is still reported below this.
+_MAX_PLAY_TO_LEVER_LENGTH = 0.02
 MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
-MAX_RELATIVE_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' length
+MAX_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
 
 
 class Finding(NamedTuple):
-    """One sentence of a report on a fit, and whether the hinge can be relied on in spite of what the sentence says.
+    """One sentence of a report on a fit, and whether the hinge is reliable in spite of what the sentence says.
 
     A harmless one says how large something is; any other says why there is no hinge to rely on.
     """
@@ -51,13 +51,13 @@ class Finding(NamedTuple):
 
 
 def check_turning(poses: RelativePoses) -> None:
-    """Raise FitError where body 2 does not turn against body 1, or no more than noise; the error says whether the
-    bodies slide or are fixed instead.
+    """Raise FitError where body 2 does not rotate relative to body 1, or no more than by noise. The error's message
+    says whether the bodies slide or are fixed.
 
     Raises:
         FitError: says what was seen instead.
     """
-    thin = poses.thinned(_MAX_SCREENING_SAMPLES)
+    thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
     Q = thin.Q.T.reshape(-1, 3, 3)
     mean = np.median(Q, axis=0)
     if np.linalg.det(mean) < 0.1:
@@ -66,7 +66,9 @@ def check_turning(poses: RelativePoses) -> None:
     size = np.sqrt((off * off).sum(axis=-1))
     near = off[size <= 4 * np.median(size)]
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
-    if spread[0] >= _MIN_TURNING_SCATTER or (spread[0] >= _MIN_AXIS_TURNING_RATIO * spread[1] and spread[0] > 1e-12):
+    if spread[0] >= _MIN_TURNING_ATTITUDE_SCATTER or (
+        spread[0] >= _MIN_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS * spread[1] and spread[0] > 1e-12
+    ):
         return
     p = thin.p
     slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
@@ -88,14 +90,15 @@ def judge_hinge(
     has_converged: bool,
     std: dict[str, Float64Array],
 ) -> list[Finding]:
-    """Judge a fitted hinge: return findings on outliers, on a tilting axis, on a moving hinge point, on large
-    standard deviations and on steps that did not converge. Those that decide the verdict come first.
+    """Return a list of findings on a fitted hinge: outliers, a tilting axis, a moving hinge point, large standard
+    deviations, steps that did not converge, and correlated residuals. Findings that make the hinge unreliable come
+    first.
     """
-    every = slice(None, None, -(-poses.samples // _MAX_FINDING_SAMPLES))
+    every = slice(None, None, -(-poses.samples // _MAX_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
         **{name: getattr(residuals, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
     )
-    poses, is_outlier = poses.thinned(_MAX_FINDING_SAMPLES), is_outlier[every]
+    poses, is_outlier = poses.thinned(_MAX_SAMPLES_FOR_FINDINGS), is_outlier[every]
     turning = _angle_scatter(residuals.psi, residuals.weights / residuals.weights.sum())
     lever_length = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
     outliers = _outlier_findings(residuals, poses, is_outlier)
@@ -110,7 +113,7 @@ def judge_hinge(
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the bodies turn further, or longer."
         listed.append(Finding(text, False))
     vague = max(float(std["u1"].max()), float(std["u2"].max()))
-    if vague > MAX_RELATIVE_POINT_STD * lever_length:
+    if vague > MAX_POINT_STD_TO_LEVER_LENGTH * lever_length:
         listed.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
     if not has_converged:
         listed.append(Finding("The steps of the fit did not come to rest.", False))
@@ -124,13 +127,14 @@ def judge_hinge(
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
-    """Return a boolean array (N,) that marks the outliers: samples whose residuals are far larger than most. None is
-    marked where large residuals are not at random, or are rounding.
+    """Return a boolean array (N,) that marks outliers: samples whose residuals are far larger than those of most
+    samples. No sample is marked where residuals of neighbouring samples are correlated or where rounding explains
+    the large residuals.
     """
-    is_outlier = _relative_sizes(residuals) > MIN_OUTLIER_SQUARED_RESIDUAL
+    is_outlier = _relative_sizes(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
         not is_outlier.any()
-        or max(residuals.alike) > MAX_NEIGHBOUR_CORRELATION
+        or max(residuals.alike) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
         or _residuals_are_rounding(residuals, poses, is_outlier)
     ):
         return np.zeros_like(is_outlier)
@@ -145,14 +149,14 @@ def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
     """Return whether rounding explains what is left of some samples."""
     largest = max(np.abs(residuals.gap[:, samples]).max() / poses.size, residuals.tilt[samples].max())
-    return bool(largest < _MAX_ROUNDING_RESIDUAL)
+    return bool(largest < _MAX_RELATIVE_ROUNDING_RESIDUAL)
 
 
 def _outlier_findings(
     residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
 ) -> list[Finding]:
-    """Return a list with one finding on the share of outliers and on whether they count little; an empty list without
-    outliers.
+    """Return a list with one finding on the share of outliers and on whether the loss function reduces their
+    weights. The list is empty without outliers.
     """
     if not is_outlier.any():
         return []
@@ -164,13 +168,13 @@ def _outlier_findings(
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a list with one finding where the bodies do not turn about one fixed axis; an empty list where they
-    do.
+    """Return a list with one finding where the bodies do not turn about one fixed axis, or only roughly. The list
+    is empty where they do. `turning` is the rms scatter of the hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    alike = residuals.alike[0] > MAX_NEIGHBOUR_CORRELATION
+    alike = residuals.alike[0] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
     if not alike and tilt < 0.2:
@@ -185,10 +189,10 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
 
 
 def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> str:
-    """Return a sentence that says what joint the motion shows in place of a hinge: two hinges in series, a ball
-    joint, or none of these.
+    """Return a sentence that says which joint the motion shows instead of a hinge: two hinges in series, a ball
+    joint, or neither. `tilt` [rad] is the rms tilt between the axes, `tilt_text` states it in words.
     """
-    thin = poses.thinned(_MAX_SCREENING_SAMPLES)
+    thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
     vectors = np.linalg.eigh(np.cov(thin.Q))
     left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
     rest = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
@@ -206,8 +210,8 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
 
 
 def _common_point_distance(poses: RelativePoses) -> float:
-    """Return the rms distance [m] between the two places of the best common point in body 1 and in body 2, for bodies
-    that turn about any axes.
+    """Return the rms distance [m] between a point fixed in body 1 and a point fixed in body 2, for the two points
+    that stay closest to each other.
     """
     Q = poses.Q.T.reshape(-1, 3, 3)
     rows = np.concatenate((np.broadcast_to(np.eye(3), Q.shape), -Q), axis=-1).reshape(-1, 6)
@@ -219,15 +223,15 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with one finding where no point of the axis stays fixed in both bodies, such as a sliding hinge;
-    an empty list where one does.
+    """Return a list with one finding where no point of the axis stays fixed in both bodies, as with a sliding
+    hinge. The list is empty where one does.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    alike = residuals.alike[1] > MAX_NEIGHBOUR_CORRELATION
+    alike = residuals.alike[1] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     if size < max(1e-9 * poses.size, 0.005 * lever_length) or not (alike or size > 0.1 * lever_length):
         return []
     if along > 9 * across:
@@ -252,15 +256,15 @@ def _point_findings(
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large beside the levers."
         return [Finding(text, False)]
-    if size >= _MAX_RELATIVE_PLAY * lever_length:
+    if size >= _MAX_PLAY_TO_LEVER_LENGTH * lever_length:
         return [Finding(kind.no_hinge.format(size=kind.size), False)]
     share = f"{100 * kind.size / lever_length:.2g} % of the levers, and not at random"
     return [Finding(f"{kind.play.format(size=kind.size)}, {share}: u1 and u2 name its mean place.", True)]
 
 
 class _PointMotion(NamedTuple):
-    """How far the hinge point moves in the bodies, and two sentences that report it: for a motion too large for a
-    hinge, and for small play.
+    """Size of the hinge point's motion relative to the bodies, and two templates of sentences that report it: one
+    for a motion too large for a hinge, one for small play.
     """
 
     size: float  # rms [m]
@@ -293,8 +297,8 @@ class BodyPoses(NamedTuple):
         return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
 
     def misfit(self) -> float:
-        """Return how badly the closed-form hinge fits the poses: the median tilt of the axes [rad], plus the median
-        gap at the hinge point divided by the distance of the bodies.
+        """Return how badly the closed-form hinge fits the poses: the median tilt of the axes [rad] plus the median
+        gap at the hinge point, divided by the rms distance of the bodies.
         """
         poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
         distance = _length(poses.p)
@@ -304,8 +308,8 @@ class BodyPoses(NamedTuple):
 
 
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
-    """Return a list with one sentence on the mistake (in units, the order of axes or of quaternions) without which a
-    hinge fits the poses far better; an empty list where there is none.
+    """Return a list with one sentence on a mistake (in units, in the order of axes or of quaternions), if a hinge
+    fits the poses far better with this mistake corrected. The list is empty where no mistake is likely.
     """
     every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_MISTAKE_TRIAL_SAMPLES))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
@@ -347,8 +351,8 @@ def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
 
 
 def _with_reordered_quaternions(S: Float64Array, scalar_first: bool) -> Float64Array:
-    """Return the rotation matrices of quaternions that were read in the wrong order of components. `scalar_first`
-    says that they were written scalar first and read scalar last; else the other way.
+    """Return rotation matrices after the quaternions that they were read from are put in the other order of
+    components. With `scalar_first`, they were written scalar first and read scalar last; else the reverse.
     """
     read = matrix_to_quaternion(S)  # w, x, y, z
     written = np.roll(read, -1, axis=-1) if scalar_first else read

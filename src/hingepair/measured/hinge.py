@@ -16,20 +16,23 @@ from hingepair.rotations.matrices import skew
 
 GAUGE_NAMES: Final = ("closest_to_R1", "closest_to_R2")
 """Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
-SIGN_RULE_SENTENCE: Final = (
-    "The first component of n that is at least 0.45 times as large as the largest is positive; home, the attitude of "
-    "body 2 at psi = 0, turns its axis into that of body 1 the short way unless they are nearly opposite."
+SIGN_AND_HOME_RULES_TEXT: Final = (
+    "The first component of n that is at least 0.45 times as large as the largest one is positive. home, the "
+    "rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns the hinge "
+    "axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
 )
 """The rules for the sign of n and for psi = 0, for readers of a fit."""
-_MIN_SIGN_COMPONENT_RATIO = 0.45
-"""Part of the largest component from which a component of n decides the sign. No ratio of two small numbers, so that
+_MIN_SIGN_COMPONENT_TO_LARGEST = 0.45
+"""The first component of n of at least this size decides the sign. No ratio of two small numbers, so that
 noise does not decide for an axis such as (-1, 2, 0)."""
-_MIN_SHORTEST_TURN_COSINE = -0.9
-"""Cosine of the angle between m and n down to which home is the short way from one to the other."""
+_MIN_AXES_COSINE_FOR_SHORTEST_TURN = -0.9
+"""Cosine of the angle between m and n down to which home is the rotation by the least angle."""
 
 
 class Hinge(NamedTuple):
-    """The axis of a hinge and a point of it, in the axes of either body. Where psi is 0 is not part of it."""
+    """The axis of a hinge and a point of the axis, each in the axes of either body: n and u1 in body 1, m and u2
+    in body 2. The direction of psi = 0 is not part of it.
+    """
 
     n: Float64Array  # axis in body 1's axes, unit
     m: Float64Array  # axis in body 2's axes, unit: C^T n
@@ -53,10 +56,10 @@ class Hinge(NamedTuple):
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
-        """Return the hinge after a step of the nine parameters of the fit: two turns of each axis across itself, and
-        shifts of the hinge point.
+        """Return the hinge after a step of the nine parameters of the fit: rotations of n (2) and of m (2) [rad]
+        about directions across each axis, the shift of u1 (3) and that of u2 across m (2) [m].
 
-        Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen.
+        Shifts along the axis count once, since only u1 - u2 is seen along it.
         """
         u1, u2 = self.u1 + frame(self.n) @ step[4:7], self.u2 + frame(self.m) @ (step[7], step[8], 0.0)
         return Hinge(tilt_axis(self.n, step[:2]), tilt_axis(self.m, step[2:4]), u1, u2)
@@ -64,11 +67,11 @@ class Hinge(NamedTuple):
 
 def sign_of(n: Float64Array) -> float:
     """Return the sign of the first component that is at least 0.45 times as large as the largest."""
-    return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_COMPONENT_RATIO * np.abs(n).max())] > 0 else -1.0
+    return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_COMPONENT_TO_LARGEST * np.abs(n).max())] > 0 else -1.0
 
 
 def frame(axis: Float64Array) -> Float64Array:
-    """Return three orthonormal axes as the columns of a matrix (3, 3), the third of which is the given unit
+    """Return a matrix (3, 3) whose columns are three orthonormal vectors. The last column is `axis`, a unit
     vector.
     """
     x, y, z = axis.tolist()
@@ -90,7 +93,8 @@ def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
 
 
 def first_axis_across(n: Float64Array) -> int:
-    """Return the index of the first coordinate axis on which the component of a unit vector is below 0.65.
+    """Return the index of the first coordinate axis on which the component of the unit vector n is smaller than 0.65
+    in size.
 
     Every unit vector has such a component. It fixes the direction of psi = 0 for a point, and the axis of the half
     turn that home begins with; after that half turn, axes that were opposite are less than a right angle apart.
@@ -99,8 +103,9 @@ def first_axis_across(n: Float64Array) -> int:
 
 
 def home_of(hinge: Hinge) -> Float64Array:
-    """Return the rotation of body 2 against body 1 at psi = 0, (3, 3): the one by the least angle that turns m into
-    n. Where m and n are nearly opposite, it begins with a half turn about a coordinate axis.
+    """Return `home`, the rotation matrix (3, 3) of body 2 relative to body 1 at psi = 0: the rotation by the least
+    angle that turns m into n. Where m and n are nearly opposite, a half turn about a coordinate axis of body 2 comes
+    before it.
 
     The motion does not show where psi = 0 is. Where the axes are nearly opposite, noise would choose among the
     rotations by the least angle; after the half turn, about a coordinate axis of body 2, there is only one.
@@ -110,10 +115,10 @@ def home_of(hinge: Hinge) -> Float64Array:
 
 
 def _half_turn_before(hinge: Hinge) -> Float64Array:
-    """Return the half turn about a coordinate axis of body 2 that home begins with where m and n are nearly opposite,
-    else the identity; (3, 3).
+    """Return the matrix (3, 3) of the half turn about a coordinate axis of body 2 that `home` begins with where m
+    and n are nearly opposite. Return the identity elsewhere.
     """
-    if hinge.n @ hinge.m > _MIN_SHORTEST_TURN_COSINE:
+    if hinge.n @ hinge.m > _MIN_AXES_COSINE_FOR_SHORTEST_TURN:
         return np.eye(3)
     turn = -np.eye(3)
     across = first_axis_across(hinge.n)
@@ -122,8 +127,8 @@ def _half_turn_before(hinge: Hinge) -> Float64Array:
 
 
 def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
-    """Return the rotation matrix of the least angle that turns unit vector m into unit vector n; the two are not
-    opposite. Shape (3, 3).
+    """Return the rotation matrix (3, 3) of the least angle that turns the unit vector m into the unit vector n.
+    The result is undefined for opposite vectors.
     """
     half = m + n
     once = 2 * np.outer(half, half) / (half @ half) - np.eye(3)  # half a turn about the middle
@@ -131,11 +136,11 @@ def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
 
 
 def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
-    """Return the derivatives of the results of a fit (u1, u2, n and the rotation vector of home) by its nine
-    parameters; shape (12, 9).
+    """Return the derivatives of the results of a fit (u1, u2, n and the rotation vector of home) with respect to the
+    nine parameters that `Hinge.moved` steps; shape (12, 9).
 
-    The rotation d of home by the short way from m to n has `d x n` as its change asks for; about n it turns so that
-    home's axis stays across m + n. (m here is the axis after the half turn that home may begin with.)
+    The change d of home has `d x n` as the changes of m and n ask for; about n it turns so that home's axis stays
+    across m + n. (m here is the axis after the half turn that home may begin with.)
     """
     n, m, u1, u2 = hinge
     home, before = home_of(hinge), _half_turn_before(hinge)

@@ -14,9 +14,16 @@ from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, hinge_misfit
 from hingepair.measured.findings import BodyPoses, check_turning, find_outliers, judge_hinge, probable_mistakes
-from hingepair.measured.hinge import GAUGE_NAMES, SIGN_RULE_SENTENCE, Hinge, home_angle, home_of, result_derivatives
+from hingepair.measured.hinge import (
+    GAUGE_NAMES,
+    SIGN_AND_HOME_RULES_TEXT,
+    Hinge,
+    home_angle,
+    home_of,
+    result_derivatives,
+)
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVES_BY_NAME,
+    LOSS_DERIVATIVE_FUNCTION_BY_NAME,
     MAX_FRAME_TURN_SAMPLES,
     NUM_HINGE_PARAMETERS,
     EncoderLine,
@@ -49,18 +56,19 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_MAX_RESIDUAL_RMS_RATIO = 5.0  # of a sample, in rms of all samples, that `HingeFit.residuals` passes
-_MIN_INLIER_WEIGHT_RATIO = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
+_RESIDUAL_TOLERANCE_TO_RMS = 5.0  # of the report `HingeFit.residuals`
+_MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT = 0.1  # below, a robust loss has made the sample an outlier
 # Samples that a start in closed form, and what is known of the clock offset, are taken from.
 _MAX_CLOSED_FORM_SAMPLES = 65536
-_MIN_MENTIONED_OFFSET_STDS = 4.0  # in standard deviations, of the clock offset that a finding mentions
-_ENCODER_DERIVATIVE_TURN = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
-_MIN_SAMPLES_FOR_STD = 10  # below, standard deviations are no more than a hint
+_MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding mentions
+_AXIS_TURN_FOR_ENCODER_DERIVATIVES = 1e-5  # [rad], step of central differences of the encoder's zero
+_MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EncoderFit:
-    """How the hinge angle follows from the reading of an encoder, as fitted: psi = zero + scale * reading.
+    """The fitted relation between the hinge angle and the reading of an encoder, psi = zero + scale * reading, with
+    the noise of the encoder and the standard deviations of zero and scale.
 
     Attributes:
         zero: psi where the encoder reads 0 [rad].
@@ -79,8 +87,8 @@ class EncoderFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HingeFit(Shown):
-    """What `fit` returns: the hinge found from two recorded motions, its uncertainty, and the residuals of every
-    sample.
+    """The result of `fit`: the hinge found from two recorded motions, the hinge angle and the residuals of every
+    sample, standard deviations, the clock offset, whether the hinge is reliable (`ok`), and findings.
 
     Attributes:
         pair: the hinge.
@@ -138,19 +146,22 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Return a report on the residuals of E1 and E2 of every sample, with five times the rms residuals of the fit
-        as tolerances.
+        """Return a Residuals report on the hinge constraints E1 and E2 of every sample. The tolerances are five times
+        the rms residuals of the fit, or those of rounding where the fit is not `ok`.
 
-        Where the fit is not `ok`, its residuals are not known to be noise, and the tolerances are those of rounding.
+        The residuals of a fit that is not `ok` are not known to be noise.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: _MAX_RESIDUAL_RMS_RATIO * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
         allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """Return a Matplotlib figure of the hinge angle and of the residuals of each sample over time.
+        """Return a Matplotlib figure of the hinge angle and of the residuals of each sample over time. Raise
+        MissingDependencyError where Matplotlib is not installed.
+
+        Without instants, the horizontal axis counts samples.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -175,12 +186,15 @@ class HingeFit(Shown):
         return figure
 
     def _clock_offset_line(self) -> str:
-        """Return the line of the report on the clock offset [ms] and its standard deviation."""
+        """Return the line of `str(fit)` that states the clock offset [ms] and its standard deviation, or that the
+        motion does not determine the offset.
+        """
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"
         size = f"{offset:.4g} +- {std:.2g} ms" if std else f"{offset:.4g} ms (given)"
-        return f"clock offset: {size}" + "; body 2 was recorded so much later than its stamps say" * (offset != 0)
+        order = "later" if offset > 0 else "earlier"
+        return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
     def _left(self) -> str:
         if np.isnan(self.rms_angle):
@@ -209,7 +223,7 @@ class HingeFit(Shown):
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
-            f"difference is seen. {SIGN_RULE_SENTENCE}"
+            f"difference is seen. {SIGN_AND_HOME_RULES_TEXT}"
         )
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT A HINGE TO RELY ON"))
 
@@ -217,6 +231,7 @@ class HingeFit(Shown):
         return f"HingeFit({self.samples} samples, {self._left()}, {'ok' if self.ok else 'not ok'})"
 
     def _sheet(self) -> Sheet:
+        """Return the table that notebooks show: u1, u2, n and home with standard deviations, and the findings."""
         names = ("u1", "u2", "n", "home")
         rows = [
             (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
@@ -229,8 +244,8 @@ class HingeFit(Shown):
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return a report as JSON text: the hinge, standard deviations, the quality of the fit and its findings. A
-        number that is not finite is null.
+        """Return a report as JSON text: the hinge, standard deviations, rms residuals, noise, the range of psi and
+        the findings. Numbers that are not finite become null.
         """
         import json
 
@@ -266,8 +281,9 @@ def fit(
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
-    """Fit the hinge that two recorded motions share, n, home, u1, u2 and psi(t) (E1, E5), and return a HingeFit. With
-    `t`, estimate the offset between both clocks too.
+    """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions (E1, E5), and return a
+    HingeFit. With `t`, estimate the offset between both clocks too. Raise FitError where the samples determine no
+    hinge.
 
     A start in closed form, from the mean relative attitude and six linear equations, is followed by an estimate of
     maximum likelihood: every pose has isotropic noise of equal size in both bodies, whose size is estimated from the
@@ -321,13 +337,13 @@ def fit(
     >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12)
     (True, array([0., 1., 0.]), array([0.5, 0. , 0.1]))
     """
-    check_choice("loss", loss, LOSS_DERIVATIVES_BY_NAME)
+    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_BY_NAME)
     check_choice("gauge", gauge, GAUGE_NAMES)
     samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    penalty = LOSS_DERIVATIVES_BY_NAME[loss]
+    penalty = LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate(samples, used, penalty, clock_offset)
@@ -354,7 +370,7 @@ def fit(
     )
     if samples.t is not None:
         std["clock_offset"] = _clock_offset_std(poses, residuals, clock_offset)
-    if clock is not None and abs(estimate.offset) > _MIN_MENTIONED_OFFSET_STDS * std["clock_offset"] > 0:
+    if clock is not None and abs(estimate.offset) > _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS * std["clock_offset"] > 0:
         texts += clock.clock_offset_sentences(estimate.offset)
     if not ok:
         texts += probable_mistakes(
@@ -363,13 +379,13 @@ def fit(
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     texts += _missing_sample_sentences(used, clock)
-    if poses.samples < _MIN_SAMPLES_FOR_STD:
+    if poses.samples < _MIN_SAMPLES_FOR_RELIABLE_STD:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
-    good = ~is_outlier & (residuals.weights >= _MIN_INLIER_WEIGHT_RATIO * samples.weights[used])
+    good = ~is_outlier & (residuals.weights >= _MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT * samples.weights[used])
     zero = home_angle(hinge, home)
     psi = _unwrap_angles(residuals.psi - attitude_noise_share(poses, noise, line) * residuals.turn - zero, good)
     counted = psi[good] if good.any() else psi
@@ -404,13 +420,14 @@ def fit(
 def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
-    """Fit the hinge of body 1 and a point, body 2 without attitudes, from the circle on which the point moves;
-    return a HingeFit. Raise ArgumentError for an encoder or noise, which are not supported here.
+    """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the
+    point moves; return a HingeFit. Raise ArgumentError where an encoder or noise is given, and FitError where the
+    samples show no circle.
     """
     for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
         if value is not None:
             raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
-    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVES_BY_NAME[loss], gauge, clock_offset)
+    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss], gauge, clock_offset)
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:
         used = np.zeros_like(used)
@@ -424,12 +441,12 @@ def _fit_of_point(
     if samples.t is not None:
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
-    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_INLIER_WEIGHT_RATIO * poses.weights)
+    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT * poses.weights)
     psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
     texts = [finding.text for finding in fitted.findings]
-    if clock is not None and abs(fitted.offset) > _MIN_MENTIONED_OFFSET_STDS * fitted.offset_std > 0:
+    if clock is not None and abs(fitted.offset) > _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS * fitted.offset_std > 0:
         texts += clock.clock_offset_sentences(fitted.offset)
     texts += _missing_sample_sentences(used, clock)
     if samples.t is not None:
@@ -464,8 +481,8 @@ def _fit_of_point(
 def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Fit a circle to a point of body 2. Return the CircleFit and the ClockedPoses that it is made of, None in
-    place of these where the clock offset is 0 or not determined.
+    """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None
+    where the clock offset is given as 0 or cannot be determined. Raise FitError where the samples show no circle.
     """
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
@@ -480,8 +497,9 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples; None without instants, with a given clock offset of 0, or where body 2
-    has too few samples to be smoothed. Raise ArgumentError for these with another given offset.
+    """Return the ClockedPoses of the samples. Return None without instants, with `clock_offset` 0, or where body 2
+    has too few samples in a row to be smoothed; raise ArgumentError in the last case if an offset other than 0 is
+    given.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -494,8 +512,8 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
 
 
 def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
-    """Return the relative poses at a clock offset that the user gave; raise ArgumentError where fewer than two
-    samples overlap.
+    """Return the relative poses at the clock offset that the user gave, without derivatives with respect to the
+    offset, since it is not estimated. Raise ArgumentError where fewer than two samples overlap.
     """
     there = clock.poses_at(clock_offset)._replace(rates=None)
     if there.samples < 2:
@@ -504,7 +522,9 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
 
 
 def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence on how many samples were not used; an empty list where all were."""
+    """Return a list with one sentence that counts the samples that were not used. The list is empty where all were
+    used.
+    """
     if used.all():
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
@@ -514,10 +534,11 @@ def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | Non
 def _estimate(
     samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
-    """Return the most likely hinge, the ClockedPoses (None where the clock offset is 0 or not determined), the
-    relative poses at the estimated offset, and a boolean array of the samples used.
+    """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
+    estimated clock offset, and a boolean array of the samples used. Raise FitError where the bodies do not turn
+    against each other.
 
-    A clock offset that the motion does not determine is taken as 0. Raise FitError where the bodies do not turn.
+    The ClockedPoses are None where the clock offset is 0. An offset that the motion does not determine is taken as 0.
     """
     poses = samples.poses(used)
     check_turning(poses)
@@ -533,8 +554,8 @@ def _estimate(
 def _most_likely(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge, and the ClockedPoses that it is made of: None where the clock offset is given
-    as 0 or is not determined by the motion.
+    """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None where
+    the clock offset is given as 0 or cannot be determined; the offset is 0 then.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)
@@ -553,8 +574,8 @@ def _most_likely(
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset [s]: 0 where the offset was given, inf where the motion
-    does not determine it.
+    """Return the standard deviation of the clock offset [s]. It is 0 where `clock_offset`, the offset that the
+    user gave, is not None, and inf where the motion does not determine the offset.
     """
     if poses.rates is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
@@ -564,8 +585,8 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
 def _encoder_fit(
     line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
-    """Return the encoder's zero, scale and noise with standard deviations, with the zero counted from psi = 0 of
-    the fitted hinge.
+    """Return an EncoderFit: zero, scale and noise of the encoder with standard deviations. The zero is counted
+    from psi = 0 of the fitted hinge.
     """
     off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
@@ -585,31 +606,31 @@ def _encoder_fit(
 
 
 def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives of the encoder's zero by two turns of n and two of m, (4,), by central differences;
-    they come in as psi = 0 moves with the axes.
+    """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by
+    central differences. The zero depends on the axes because they determine where psi = 0 is.
     """
     some = poses.thinned(MAX_FRAME_TURN_SAMPLES)
     changes = []
-    for step in _ENCODER_DERIVATIVE_TURN * np.eye(NUM_HINGE_PARAMETERS)[:4]:
+    for step in _AXIS_TURN_FOR_ENCODER_DERIVATIVES * np.eye(NUM_HINGE_PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _ENCODER_DERIVATIVE_TURN))
+        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_FOR_ENCODER_DERIVATIVES))
     return np.array(changes)
 
 
 def _finite_lists(value: Any) -> Any:
-    """Return nested lists of numbers, or one number, for JSON: each that is not finite is replaced by None."""
+    """Return a number, or nested lists of numbers, for JSON. Numbers that are not finite are replaced by None."""
     if isinstance(value, list):
         return [_finite_lists(one) for one in value]
     return value if np.isfinite(value) else None
 
 
 def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: float = np.nan) -> Float64Array:
-    """Return a read-only array over all samples, with the values of the used samples at their places and
-    `fill_value` at the others.
+    """Return a read-only array over all samples that has `values` at the used samples and `fill_value` at the
+    others. `is_used` marks the used samples.
     """
     all_samples = np.full(is_used.shape, fill_value)
     all_samples[is_used] = values
@@ -617,8 +638,8 @@ def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: 
 
 
 def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:
-    """Return angles [rad] without jumps by 2 pi between neighbouring good samples, the first good one in [-pi, pi].
-    Each other sample is within pi of the last good one before it.
+    """Return angles [rad] without jumps by 2 pi between successive good samples. The first good angle is in [-pi,
+    pi]. Each angle that is not good differs by at most pi from the last good angle before it.
     """
     whole = np.unwrap(psi[is_good])
     whole = whole - 2 * np.pi * np.rint(whole[:1] / (2 * np.pi))

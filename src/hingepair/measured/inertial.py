@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import MAX_NEIGHBOUR_CORRELATION, MAX_RELATIVE_POINT_STD
+from hingepair.measured.findings import MAX_NEIGHBOUR_RESIDUAL_CORRELATION, MAX_POINT_STD_TO_LEVER_LENGTH
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import num_neighbours_to_sum
 from hingepair.measured.spline import MIN_PIECE_SAMPLES, smooth_columns
@@ -39,16 +39,16 @@ _MAX_START_TRIAL_SAMPLES = 400  # samples that starts are tried with
 # Number of random starts of a fit.
 _NUM_RANDOM_STARTS = 10
 _MAX_DESCENT_STEPS, _MAX_START_STEPS = 60, 12  # of a descent; of one that compares starts
-_NUM_BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
+_NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _KNOWN_BIAS_STD = 1e-9  # standard deviation of a bias that is known to be 0
-_RELATIVE_ROUNDING_RESIDUAL = 1e-13  # residuals, in parts of what is measured, that rounding explains
+_ROUNDING_RESIDUAL_TO_READING_SIZE = 1e-13  # residuals that rounding explains
 _MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
-_MIN_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
-_MAX_RATE_RESIDUAL_RATIO = 0.3  # of the rates across the axis, in parts of all rates
+_MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
+_MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
 _MAX_SYSTEMATIC_RATE, _MAX_SYSTEMATIC_FORCE = 0.05, 0.07
 """Residuals that are no noise and can be put up with: in parts of all rates, and of the difference of both forces."""
-_MIN_SIGN_CORRELATION = 0.2  # of the angle's changes with its rate, from which the sign of n2 is shown
-_MIN_EIGENVALUE_RATIO = 1e-10  # of the normal matrix to its largest, from which a direction is not rounding
+_MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE = 0.2  # from which the sign of n2 is shown
+_MIN_NORMAL_EIGENVALUE_TO_NORM = 1e-10  # of the normal matrix, from which a direction is not rounding
 _MIN_AXIS_SIGNAL, _MIN_POINT_SIGNAL = 10.0, 2.0
 """Sizes of the normal matrix from which a direction of the axes, of the point, is shown, in parts of what noise adds
 to it. Of the axes that is more than the variance of the rates says where rates across an axis are small."""
@@ -56,8 +56,8 @@ to it. Of the axes that is more than the variance of the rates says where rates 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AxisFit:
-    """What `fit_axis` returns: the hinge axis in the axes of each body, the biases of both gyroscopes, and standard
-    deviations.
+    """The result of `fit_axis`: the hinge axis in the axes of each body, the biases of both gyroscopes, standard
+    deviations, the rms residual, whether the axis is reliable (`ok`), and findings.
 
     Attributes:
         n1: axis in body 1's axes, unit vector; (3,). It is the `n` of a HingePair.
@@ -84,8 +84,9 @@ class AxisFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AnchorFit:
-    """What `fit_anchor` returns: the hinge point as seen from each of two inertial sensors, the biases of both
-    accelerometers, and their covariance.
+    """The result of `fit_anchor`: the hinge point relative to each of two inertial sensors with its covariance, the
+    biases of both accelerometers with standard deviations, the rms residual, whether the point is reliable (`ok`),
+    and findings.
 
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
@@ -112,7 +113,8 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
-    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on either body; return an AxisFit.
+    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on each body; return an AxisFit.
+    Raise FitError where samples are too few or neither body turns.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where there is
@@ -156,8 +158,8 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and rest @ rest > (_RELATIVE_ROUNDING_RESIDUAL * size) ** 2:
-        for _ in range(_NUM_BIAS_ROUNDS):
+    if bias > 0 and rest @ rest > (_ROUNDING_RESIDUAL_TO_READING_SIZE * size) ** 2:
+        for _ in range(_NUM_BIAS_FIT_ROUNDS):
             prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
             unknowns, whole = _levenberg_marquardt(_rate_residual_function(w1, w2, prior), _turned, unknowns)
             rest = whole[: w1.shape[0]]
@@ -180,14 +182,14 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if s > _MAX_INERTIAL_AXIS_STD
     ]
     usual = size / np.sqrt(2 * w1.shape[0])
-    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > MAX_NEIGHBOUR_CORRELATION:
+    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION:
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
         )
-    elif rms > _MAX_RATE_RESIDUAL_RATIO * usual:
+    elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * usual:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(alike) < _MIN_SIGN_CORRELATION:
+    if max(alike) < _MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
@@ -217,8 +219,9 @@ def fit_anchor(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
-    """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on
-    either body; return an AnchorFit.
+    """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on each
+    body; return an AnchorFit. The angular velocities are smoothed first. Raise FitError where samples are too few or
+    neither body turns.
 
     The angular velocities are smoothed and differentiated (as by `hingepair.smooth`); the forces are used as
         recorded.
@@ -292,7 +295,7 @@ def fit_anchor(
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
-    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER_LENGTH)
+    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_REFERENCE_LEVER_LENGTH)
     findings = _point_sentences(std, reach, rest, forces)
     ok = not findings
     for name, column in named_vectors.items():
@@ -314,7 +317,8 @@ def fit_anchor(
 def _point_sentences(
     std: float, lever_length: float, residuals: Float64Array, forces: list[Float64Array]
 ) -> list[str]:
-    """Return a list of sentences on why the fitted hinge point cannot be relied on; an empty list where it can.
+    """Return a list of sentences that say why the fitted hinge point is not reliable. The list is empty where the
+    point is reliable.
 
     Args:
         std: largest standard deviation of a coordinate [m].
@@ -323,14 +327,14 @@ def _point_sentences(
         forces: what both sensors feel; (N, 3) each.
     """
     findings = []
-    if not std <= MAX_RELATIVE_POINT_STD * lever_length:
+    if not std <= MAX_POINT_STD_TO_LEVER_LENGTH * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
         rms > _MAX_SYSTEMATIC_FORCE * np.sqrt(np.mean(apart**2))
-        and _correlation(residuals) > MAX_NEIGHBOUR_CORRELATION
+        and _correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         findings.append(
             f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
@@ -346,8 +350,8 @@ def _correlation(rest: Float64Array) -> float:
 
 
 def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
-    """Return the instants of a recording [s] (N,), counted from the first, and a list of its named vectors as
-    arrays (N, 3). Raise ShapeError where they differ in length.
+    """Return the instants of a recording [s] (N,), counted from the first, and a list of its vectors, given by
+    name, as float64 arrays (N, 3). Raise ArgumentError for unusable values, ShapeError where the lengths differ.
     """
     time, _ = increasing_seconds("t", t)
     columns = _checked_vectors(named_vectors)
@@ -357,8 +361,8 @@ def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tupl
 
 
 def _checked_vectors(named_vectors: dict[str, ArrayLike]) -> list[Float64Array]:
-    """Return a list of named vectors as float64 arrays of shape (N, 3); raise ShapeError that names the first of
-    another shape.
+    """Return the vectors, given by name, as a list of float64 arrays of one shape (N, 3). Raise ShapeError that
+    names the first array of another shape.
     """
     arrays = [vectors(name, value, 3).astype(np.float64) for name, value in named_vectors.items()]
     for name, array in zip(named_vectors, arrays, strict=True):
@@ -376,14 +380,14 @@ def _point_and_biases(
     rate_derivatives: list[Float64Array],
     bias_stds: Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Fit the levers (u1, u2) and the biases of both sensors; return them in one array, with the residuals of the
-    samples and the weights that held the biases near 0.
+    """Fit the levers (u1, u2) and the biases of both sensors by least squares. Return these unknowns in one array
+    (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0.
 
     Args:
-        forces: what both sensors feel; (N, 3) each.
+        forces: specific forces that both sensors measure; (N, 3) each.
         rates: angular velocities; (N, 3) each.
-        rate_derivatives: their derivatives; (N, 3) each.
-        bias_stds: standard deviations of the biases beforehand, of both accelerometers and both gyroscopes; (12,).
+        rate_derivatives: derivatives of the angular velocities; (N, 3) each.
+        bias_stds: prior standard deviations of the biases of both accelerometers, then of both gyroscopes; (12,).
 
     Returns:
         Shapes (18,), (N,) and (12,). A weight is the standard deviation of a residual divided by that of the bias.
@@ -400,10 +404,10 @@ def _point_and_biases(
         starts,
     )
     unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if bias_stds.any() and rest @ rest > _RELATIVE_ROUNDING_RESIDUAL**2 * sum(
+    if bias_stds.any() and rest @ rest > _ROUNDING_RESIDUAL_TO_READING_SIZE**2 * sum(
         float((force * force).sum()) for force in forces
     ):
-        for _ in range(_NUM_BIAS_ROUNDS):
+        for _ in range(_NUM_BIAS_FIT_ROUNDS):
             noise = np.sqrt(rest @ rest / rest.size)
             prior = noise / np.where(bias_stds > 0, bias_stds, _KNOWN_BIAS_STD)
             unknowns, whole = _levenberg_marquardt(
@@ -416,8 +420,9 @@ def _point_and_biases(
 def _lever_noise_matrix(
     forces: list[Float64Array], gammas: list[Float64Array], u: Float64Array, deviations: list[Float64Array]
 ) -> Float64Array:
-    """Return the matrix (6, 6) that noise of the angular accelerations, of the given standard deviations (N,) in
-    each body, adds to the normal matrix of (u1, u2).
+    """Return the matrix (6, 6) that noise of the angular accelerations adds to the normal matrix of the levers `u`
+    = (u1, u2). `gammas` are the matrices of `acceleration_matrices`, `deviations` the standard deviations (N,) of
+    the angular accelerations of each body.
     """
     noise = np.zeros((6, 6))
     for rows, force, gamma, deviation in zip((slice(0, 3), slice(3, 6)), forces, gammas, deviations, strict=True):
@@ -435,8 +440,9 @@ def _derivatives_without_biases(
     prior: Float64Array,
     bias_stds: float | Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the derivatives of the residuals by the parameters less the part that changed biases could explain, of
-    the samples and of the priors, and the standard deviations of the biases.
+    """Return the derivatives of the residuals with respect to the parameters, without the part that a change of the
+    biases could explain. They come as an array for the samples (N, k) and one for the priors (b, k); the standard
+    deviations of the biases (b,) come last.
 
     Args:
         derivatives: of the residuals by the k parameters and b biases, priors of biases last; (N + b, k + b), or
@@ -471,15 +477,18 @@ def _force_residual_function(
     rate_derivatives: list[Float64Array],
     prior: Float64Array | None = None,
 ) -> Linearise:
-    """Return a function of the levers (u1, u2) that computes the residuals, the differences of the two forces' sizes
-    at the hinge point (N,), and their derivatives (N, 6).
+    """Return a function that computes residuals (N,), the differences between the sizes of the two forces at the
+    hinge point, and their derivatives (N, 6) with respect to the levers (u1, u2), the argument of the function. With
+    `prior`, biases are further unknowns.
 
     With priors the biases of both accelerometers and of both gyroscopes are unknowns too; then the shapes are
     (N + 12,) and (N + 12, 18).
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals of the samples at the unknowns x, and their derivatives by the unknowns."""
+        """Return the residuals at the unknowns x, those of the samples and then those of the priors, and their
+        derivatives with respect to the unknowns.
+        """
         biases = np.zeros(12) if prior is None else x[6:]
         felt, by_lever, by_bias, by_rate = [], [], [], []
         for i, (force, omega, alpha) in enumerate(zip(forces, rates, rate_derivatives, strict=True)):
@@ -508,8 +517,9 @@ def _force_residual_function(
 
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
-    """Return a list of axes (n1, n2), each of shape (2, 3), to start a fit from: those of linear least squares in
-    n n^T, the principal axes of rotation, and random ones.
+    """Return a list of pairs (n1, n2) of axes, shape (2, 3) each, from which fits start: those of linear least
+    squares in n n^T, the principal axes of the angular velocities, and random ones. `w1` and `w2` are angular
+    velocities (N, 3).
     """
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
     size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
@@ -522,15 +532,18 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
 
 
 def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
-    """Return a function of the axes (n1, n2) that computes the residuals, the differences of the two angular rates'
-    sizes across the axes (N,), and their derivatives (N, 4).
+    """Return a function that computes residuals (N,), the differences between the sizes of the two angular rates
+    across the axes, and their derivatives (N, 4). The argument of the function is the axes (n1, n2); with `prior`,
+    biases are further unknowns.
 
     The derivatives are by two turns of each axis across itself. With priors the function is one of (n1, n2, bias1,
     bias2), and the shapes are (N + 6,) and (N + 6, 10).
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals of the samples at the unknowns x, and their derivatives by the unknowns."""
+        """Return the residuals at the unknowns x, those of the samples and then those of the priors, and their
+        derivatives with respect to the unknowns.
+        """
         axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
         frames = [frame(n) for n in axes]
         in_axes = [(w - bias) @ own for w, bias, own in zip((w1, w2), biases, frames, strict=True)]
@@ -556,8 +569,8 @@ def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
 
 
 def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
-    """Return the correlation between changes of the hinge angle, seen from the rates across the axis, and the
-    integrated rate about it. It is positive where n1 and n2 point the same way.
+    """Return the correlation between changes of the hinge angle, computed from the rates across the axis, and the
+    integrated rate about the axis. It is positive where the signs of n1 and n2 fit each other.
 
     Changes are taken over one, four, sixteen ... steps and the largest correlation counts: over few steps noise
     exceeds the change, over many the angle turns around.
@@ -586,8 +599,9 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
 def _fit_from_starts(
     linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution that the best of several starts leads to, and its residuals. The starts are
-    compared by `linearise_few`, which uses fewer samples than `linearise`.
+    """Return the least-squares solution that the best of several starts leads to, and its residuals.
+    `linearise_few`, a residual function on fewer samples than `linearise`, compares the starts. `move` applies a
+    step to the unknowns.
     """
     tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_STEPS) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
@@ -596,8 +610,9 @@ def _fit_from_starts(
 def _levenberg_marquardt(
     linearise: Linearise, move: Move, start: Float64Array, max_steps: int = _MAX_DESCENT_STEPS
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution reached from a start by the Levenberg-Marquardt method, and its residuals.
-    `linearise` returns residuals and derivatives, `move` applies a step.
+    """Return the least-squares solution that the Levenberg-Marquardt method reaches from a start, and its
+    residuals. `linearise` returns residuals and derivatives at the unknowns; `move` returns the unknowns after a
+    step.
     """
     unknowns, (residuals, derivatives) = start, linearise(start)
     cost, damping = float(residuals @ residuals), 1e-3
@@ -630,7 +645,7 @@ def _covariance(
     prior_rows: Float64Array,
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Return the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the parameters
-    that the motion does not determine.
+    that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal matrix.
 
     Noise in the derivatives adds to the normal matrix, by which parameters come out too small. The matrix without
     that noise says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores
@@ -646,7 +661,7 @@ def _covariance(
     """
     normal = derivatives.T @ derivatives + prior_rows.T @ prior_rows
     values, axes = np.linalg.eigh(normal - min_signal * noise)
-    blind = values <= _MIN_EIGENVALUE_RATIO * np.linalg.norm(normal)
+    blind = values <= _MIN_NORMAL_EIGENVALUE_TO_NORM * np.linalg.norm(normal)
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
     scores = (derivatives * residuals[:, None]).T

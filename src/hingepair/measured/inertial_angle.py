@@ -24,17 +24,20 @@ from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
 _NUM_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
-_MIN_DIRECTION_SIZE_RATIO = 0.05  # of the largest vector across the axis, from which one shows a direction
-_MAX_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
-_DIRECTION_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
-_MAX_DIRECTION_SCATTER_RATIO = 3.0  # of the scatter of directions to that of their noise
-_MIN_NOISE_STD = 1e-9  # [rad/s] of rates, [rad] of directions
-_GAP_NOISE_STD = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
+_MIN_VECTOR_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
+_MAX_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
+_DIRECTION_LOSS_SCALE_IN_VARIANCES = 4.0  # of squared residuals, above which a direction counts less
+_MAX_DIRECTION_SCATTER_TO_NOISE = 3.0  # of directions about the integrated angle
+_MIN_READING_NOISE_STD = 1e-9  # of a component of a vector that both sensors read [its unit]
+_MIN_DIRECTION_NOISE_STD = 1e-9  # [rad]
+_MIN_RATE_BIAS_STD = 1e-9  # [rad/s]
+_UNKNOWN_ANGLE_STD = 1e6  # [rad], of an angle, or a change over a gap, that nothing measures
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AngleFit:
-    """What `fit_angle` returns: the hinge angle from inertial sensors, its rate, and standard deviations.
+    """The result of `fit_angle`: the hinge angle from inertial sensors and its rate, both over time, the drift of the
+    measured rate, standard deviations, whether the angle is reliable (`ok`), and findings.
 
     Attributes:
         psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
@@ -73,8 +76,8 @@ def fit_angle(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
-    """Fit the hinge angle to the records of two inertial sensors, one on either body of a known hinge; return an
-    AngleFit. `fit_axis` and `fit_anchor` find the hinge.
+    """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge (see `fit_axis`
+    and `fit_anchor`); return an AngleFit. Raise FitError where samples are too few.
 
     Two vectors that both bodies measure, the specific force at the hinge point and the angular velocity, show the
     angle by their directions across the axis. The integrated difference of the angular velocities joins these
@@ -132,12 +135,12 @@ def fit_angle(
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
-    if worst > _MAX_ANGLE_STD:
+    if worst > _MAX_HINGE_ANGLE_STD:
         findings.append(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if estimate.excess > _MAX_DIRECTION_SCATTER_RATIO:
+    if estimate.excess > _MAX_DIRECTION_SCATTER_TO_NOISE:
         findings.append(
             f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
@@ -155,7 +158,9 @@ def fit_angle(
 
 
 class _AngleEstimate(NamedTuple):
-    """Estimate of the hinge angle over time and of the constant drift of its rate, with standard deviations."""
+    """Estimate of the hinge angle over time and of the constant drift of its rate, with standard deviations, the
+    noise of a measured direction, and the scatter of the directions relative to their noise.
+    """
 
     psi: Float64Array  # [rad]; (N,)
     std: Float64Array  # (N,)
@@ -166,8 +171,9 @@ class _AngleEstimate(NamedTuple):
 
 
 def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
-    """Return the angles about the axis between a vector as body 1 sees it and as body 2 does, ((angles, variances),
-    noise): both of shape (N,), and the standard deviation of the sensors' difference.
+    """Return ((angles, variances), noise). The angles (N,) [rad] are those about the axis between a vector in body 1
+    (`first`) and the same vector in body 2 (`second`), with their variances (N,). `noise` is the standard deviation
+    of the difference between both sensors.
 
     Args:
         first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).
@@ -179,12 +185,12 @@ def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Fl
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
     sizes = np.abs(a), np.abs(b)
-    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_NOISE_STD)
-    least = max(_MIN_DIRECTION_SIZE_RATIO * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_READING_NOISE_STD)
+    least = max(_MIN_VECTOR_ACROSS_AXIS_TO_LARGEST * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
     variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
-    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_NOISE_STD**2)), noise
+    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_DIRECTION_NOISE_STD**2)), noise
 
 
 def _most_likely_angle(
@@ -196,8 +202,8 @@ def _most_likely_angle(
     bias_std: float,
     piece_starts: NDArray[np.intp],
 ) -> _AngleEstimate:
-    """Fit the angle to measured rates (N,) and to k measured angles (k, N), which are known up to whole turns; the
-    rates have a constant bias, estimated too. Return an _AngleEstimate.
+    """Fit the hinge angle to measured rates (N,) with a constant bias and to k measured angles (k, N), known up to
+    multiples of 2 pi. Return an _AngleEstimate, which includes the bias.
 
     Args:
         t: instants [s]; (N,).
@@ -211,14 +217,14 @@ def _most_likely_angle(
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
     step_weights = 1 / (rate_noise * dt) ** 2
-    step_weights[piece_starts - 1] = 1 / _GAP_NOISE_STD**2
+    step_weights[piece_starts - 1] = 1 / _UNKNOWN_ANGLE_STD**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
     for _ in range(_NUM_SMOOTHER_ROUNDS):
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
-        weights = precision / (1 + off**2 / _DIRECTION_LOSS_SCALE)
+        weights = precision / (1 + off**2 / _DIRECTION_LOSS_SCALE_IN_VARIANCES)
         psi, _, _ = _solve_smoother(dt, steps_of_angle, step_weights, weights, near, bias_std)
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
@@ -237,8 +243,8 @@ def _most_likely_angle(
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
-    """Return a first estimate of the angle without jumps by 2 pi: the integrated rates, with their slow drift
-    corrected by the measured angles.
+    """Return a first estimate of the angle (N,) without jumps by 2 pi: the integrated rates, with their slow drift
+    corrected by the measured angles (k, N). `precision` is the inverse of the variances of these angles.
     """
     off = (precision * np.exp(1j * (angles - integrated_rates))).sum(axis=0)
     if not precision.any():
@@ -258,8 +264,9 @@ def _solve_smoother(
     angles: Float64Array,
     bias_std: float,
 ) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
-    """Return the angles (N,) of weighted least squares, their standard deviations, and the bias of the rate with
-    its own. `steps_of_angle` are measured changes between samples, `angles` (k, N) measured angles.
+    """Return the angles (N,) of weighted least squares, their standard deviations (N,), and a pair of the rate's
+    bias and its standard deviation. `steps_of_angle` are measured changes between samples, `angles` (k, N)
+    measured angles.
     """
     from scipy.linalg import solveh_banded
 
@@ -272,19 +279,17 @@ def _solve_smoother(
     matrix[0, 1:] = -step_weights
     matrix[1, 1:] += step_weights
     matrix[1, :-1] += step_weights
-    matrix[1] += angle_weights.sum(axis=0) + 1 / _GAP_NOISE_STD**2
+    matrix[1] += angle_weights.sum(axis=0) + 1 / _UNKNOWN_ANGLE_STD**2
     right += (angle_weights * np.where(angle_weights > 0, angles, 0.0)).sum(axis=0)
     x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
-    own = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_NOISE_STD) ** 2 - border @ y
+    own = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_RATE_BIAS_STD) ** 2 - border @ y
     drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / own)
     variance = inverse_bands(matrix, 1)[0, :count] + y * y / own
     return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(own)))
 
 
 def _at_used_indices(values: Float64Array, used_indices: NDArray[np.intp], num_samples: int) -> Float64Array:
-    """Return a read-only array of `num_samples` numbers, with the given values at the used indices and NaN
-    elsewhere.
-    """
+    """Return a read-only array of `num_samples` numbers that has `values` at `used_indices` and NaN elsewhere."""
     all_samples = np.full(num_samples, np.nan)
     all_samples[used_indices] = values
     return read_only(all_samples)

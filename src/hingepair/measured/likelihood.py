@@ -35,25 +35,28 @@ from hingepair.rotations.matrices import rotation_exp
 NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
 _MAX_COMPONENT_SAMPLES, _MAX_SCORING_STEPS = 4096, 25  # of the variance components
-_MIN_NOISE_VARIANCE_RATIO = 1e-3  # of the variance of a gap that is taken for noise of positions, at least
-# [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged.
-_OFFSET_TO_TURN_RATE = 5.0
-_ROUNDING_OFFSET_STEP = 1e-12  # [s]
+# Least noise of positions, or of the encoder, to the mean squared residual.
+_MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
+# [rad/s] by which steps of the clock offset are converted to turns, where the length of a step is judged.
+_NOMINAL_TURN_RATE_FOR_OFFSET_STEPS = 5.0
+_ROUNDING_CLOCK_OFFSET_STEP = 1e-12  # [s]
 _MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
 _SAMPLES_PER_BLOCK = 2048  # samples, that fit the caches
 MAX_FIRST_STEP_SAMPLES = 16384  # samples that the first steps are taken with
 _MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
-_MIN_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
+_MIN_NUM_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
 _MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of them [rad]
 _MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
-_ROUNDING_STEP_SIZE = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
+# Steps that rounding makes: turns [rad], shifts over the bodies' largest coordinate.
+_RELATIVE_ROUNDING_STEP = 2.0**-50
 _BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
 MAX_FRAME_TURN_SAMPLES = 100  # samples that tell how the axes of `frame` turned
-_MAX_ENCODER_INLIER_RATIO = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
-MIN_CLOCK_OFFSET_SIGNAL_RATIO = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
+_MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
+# Of what noise adds to the normal matrix, from which the clock offset is shown.
+MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0
 MAX_CLOCK_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
-_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
-_LOSS_SCALE = 11.07
+_MAX_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
+_LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
 _MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
 """Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
@@ -61,7 +64,7 @@ CHI2_MEDIAN_BY_DOF = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-square
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
-LOSS_DERIVATIVES_BY_NAME: dict[str, Loss | None] = {
+LOSS_DERIVATIVE_FUNCTION_BY_NAME: dict[str, Loss | None] = {
     "linear": None,
     "soft_l1": lambda z: ((1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "huber": lambda z: (np.maximum(z, 1) ** -0.5, np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
@@ -73,7 +76,7 @@ LOSS_DERIVATIVES_BY_NAME: dict[str, Loss | None] = {
 
 class Noise(NamedTuple):
     """Variances of the noise of relative positions, of relative attitudes and of the encoder. Where the user gave
-    standard deviations, the first two are factors on their squares.
+    standard deviations of single samples, the first two are mean variances.
     """
 
     place: float  # of a component of R2 - R1 [m^2]
@@ -82,8 +85,8 @@ class Noise(NamedTuple):
 
 
 class EncoderLine(NamedTuple):
-    """The line psi = zero + slope * reading between the reading of an encoder and the hinge angle, which is
-    counted from one `frame` to the other.
+    """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle
+    is counted from the `frame` of n in body 1 to that of m in body 2.
     """
 
     zero: float  # [rad]
@@ -91,8 +94,8 @@ class EncoderLine(NamedTuple):
 
 
 class SampleResiduals(NamedTuple):
-    """Residuals of the hinge constraints E1 and E2 at a block of samples, in axes along the hinge, with what their
-    covariance is computed from.
+    """Residuals of the hinge constraints E1 and E2 and of the encoder at a block of samples, in axes along the
+    hinge, with the quantities from which their covariance is computed.
     """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -108,14 +111,15 @@ class SampleResiduals(NamedTuple):
 
     @property
     def psi(self) -> Float64Array:
-        """Return the angle about the hinge axis from the `frame` of n in body 1 to that of m in body 2, in [-pi,
-        pi] [rad]; shape (M,).
+        """Return the angle about the hinge axis from the `frame` of n in body 1 to the `frame` of m in body 2
+        [rad], within [-pi, pi]; shape (M,).
         """
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
-        """Return the variance of the relative position [m^2], that of the relative attitude [rad^2], and the part
-        of the attitude's variance that is body 1's. Each is a number, or of shape (M,).
+        """Return three values: the variance of the relative position [m^2], that of the relative attitude [rad^2],
+        and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) where samples have
+        noise of their own.
         """
         if self.told is None:
             return noise.place, noise.attitude, 0.5
@@ -123,8 +127,8 @@ class SampleResiduals(NamedTuple):
 
     @property
     def gap_variance_by_attitude(self) -> Float64Array:
-        """Return by how much attitude noise of variance 1 increases the mean squared gap abs(gap)^2 [m^2]; shape
-        (M,).
+        """Return the mean squared gap [m^2] that attitude noise of variance 1 rad^2 causes at the hinge point;
+        shape (M,).
         """
         x, y, _ = self.arms
         _, scale, share = self.variances(Noise(1.0, 1.0))
@@ -134,7 +138,8 @@ class SampleResiduals(NamedTuple):
         self, noise: Noise, tilts: Float64Array, gaps: Float64Array, turns: Float64Array | None = None
     ) -> Float64Array:
         """Return residuals, or derivatives of residuals, multiplied by L^-1, where L L^T is the covariance of the
-        noise: tilts (k, 2, M), gaps (k, 3, M) and turns (k, M) joined to (k, 5 or 6, M).
+        noise. The inputs are tilts (k, 2, M), gaps (k, 3, M) and, with an encoder, turns (k, M); the result joins
+        them, (k, 5 or 6, M).
 
         L is the Cholesky factor, with w = (-y, x, 0); no eigenvalue of the covariance is below a.
         """
@@ -166,8 +171,9 @@ class SampleResiduals(NamedTuple):
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
     def whitened_rows(self, noise: Noise) -> Float64Array:
-        """Return the whitened derivatives of the residuals by each parameter, and the whitened residuals as the
-        last row; shape (10 to 13, 5 or 6, M).
+        """Return the whitened derivatives of the residuals with respect to each parameter, and the whitened
+        residuals as the last row; shape (parameters + 1, 5 or 6, M). The parameters are nine of the hinge, the
+        clock offset and two of the encoder.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         parameters = NUM_HINGE_PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
@@ -195,7 +201,9 @@ class SampleResiduals(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """The most likely hinge, with the noise, the clock offset and the encoder's line that were estimated with it."""
+    """The most likely hinge, with the noise, the clock offset and the encoder's line that were estimated with it,
+    and whether the estimate converged.
+    """
 
     hinge: Hinge
     noise: Noise
@@ -209,7 +217,9 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 
 class HingeResiduals(NamedTuple):
-    """Residuals and weights of all samples for a given hinge, and the covariance of the hinge's parameters."""
+    """Residuals, weights and hinge angles of all samples for a given hinge, the correlation of neighbouring
+    residuals, and the covariance of the hinge's parameters.
+    """
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
@@ -225,8 +235,9 @@ class HingeResiduals(NamedTuple):
 def most_likely_hinge(
     poses: RelativePoses, start: Hinge, loss: Loss | None, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> Estimate:
-    """Estimate the most likely hinge by Gauss-Newton steps; return it with the noise, the clock offset (where
-    `poses_at` is given) and the encoder's line, and whether the steps converged.
+    """Estimate the most likely hinge by Gauss-Newton steps; return an Estimate with the noise and the encoder's line.
+    Where `poses_at`, a function of the clock offset, is given, estimate the clock offset too, with `offset` as its
+    first value.
 
     Args:
         poses: all samples.
@@ -248,7 +259,7 @@ def most_likely_hinge(
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -solve_semidefinite(normal, gradient)
             delay = float(step[NUM_HINGE_PARAMETERS]) if some.rates is not None else 0.0
-            turn = max(float(np.abs(step[:4]).max()), _OFFSET_TO_TURN_RATE * abs(delay))
+            turn = max(float(np.abs(step[:4]).max()), _NOMINAL_TURN_RATE_FOR_OFFSET_STEPS * abs(delay))
             if turn > _MAX_TURN:
                 step *= _MAX_TURN / turn
             before, hinge = hinge, hinge.moved(step[:NUM_HINGE_PARAMETERS]).balanced()
@@ -266,8 +277,8 @@ def most_likely_hinge(
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
             quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
-            least = _ROUNDING_STEP_SIZE * np.repeat((1.0, poses.size), (4, 5))
-            rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_OFFSET_STEP
+            least = _RELATIVE_ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))
+            rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_CLOCK_OFFSET_STEP
             has_converged = bool(size < _MAX_LAST_STEP or quick or rounded)
             if has_converged:
                 break
@@ -277,8 +288,8 @@ def most_likely_hinge(
 def fit_encoder_line(
     poses: RelativePoses, hinge: Hinge, previous_line: EncoderLine | None = None
 ) -> EncoderLine | None:
-    """Fit the line psi = zero + slope * reading of the encoder to a hinge; return None without an encoder. The slope,
-    up to its sign, is that of `previous_line` where one is given.
+    """Fit the line psi = zero + slope * reading of the encoder for a given hinge and return an EncoderLine; None
+    without an encoder. With `previous_line`, only the zero and the sign of the slope are fitted.
 
     The sign changes where the axis of the hinge was reversed since.
     """
@@ -293,7 +304,7 @@ def fit_encoder_line(
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
-    """Return the change of psi [rad] that comes from the `frame` axes alone, which turn when the hinge changes
+    """Return the change of psi [rad] that is caused by the rotation of the `frame` axes when the hinge changes
     from `before` to `after`.
     """
     first, second = (
@@ -304,8 +315,8 @@ def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float
 
 
 def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
-    """Return a list of candidate slopes d psi / d reading of an encoder: 1, -1, that of a straight line through
-    all samples, and the median from sample to sample.
+    """Return a list of candidate slopes d psi / d reading of an encoder: 1, -1, the slope of a straight line
+    through all samples, and the median slope between successive samples.
     """
     slopes = [1.0, -1.0]
     steps, turned = np.diff(reading), np.angle(np.exp(1j * np.diff(psi)))
@@ -319,13 +330,13 @@ def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
 def _encoder_line_of_slope(
     psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float
 ) -> EncoderLine:
-    """Return the encoder's line of a given slope. Its zero is a weighted mean over the samples that are near the
-    median zero.
+    """Return the EncoderLine with a given slope. The zero is a weighted mean over the samples whose own zeros are
+    near the median zero.
     """
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
     rest = _turn(psi, reading, EncoderLine(middle, slope))
-    near = np.abs(rest) <= _MAX_ENCODER_INLIER_RATIO * np.median(np.abs(rest)) + 1e-300
+    near = np.abs(rest) <= _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL * np.median(np.abs(rest)) + 1e-300
     return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
 
 
@@ -336,8 +347,8 @@ def _turn(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float6
 
 
 def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine | None) -> Float64Array | float:
-    """Return the part (N,) of the difference between psi and the encoder's angle that is noise of the attitudes
-    and should be taken off psi; 0 without an encoder.
+    """Return the fraction (N,) of the difference between psi and the encoder's angle that is due to noise of the
+    attitudes and is to be subtracted from psi. Return 0 without an encoder.
     """
     if line is None or poses.encoder is None:
         return 0.0
@@ -346,8 +357,8 @@ def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine |
 
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
-    """Return the standard deviations of the estimated "noise_position" and "noise_angle", as a dict by these
-    names.
+    """Return a dict of the standard deviations of two estimates: of the noise of positions ("noise_position") and
+    of the noise of attitudes ("noise_angle").
     """
     thin = poses.thinned(_MAX_COMPONENT_SAMPLES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
@@ -362,14 +373,15 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 
 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
-    """Return whether the motion determines the clock offset as well as all other parameters: whether the information
-    on it exceeds what noise alone would give, and its standard deviation is small.
+    """Return whether the motion determines the clock offset as well as all other parameters. `noise_poses` are poses
+    whose derivatives with respect to the offset are noise alone: the true derivatives must inform far more on the
+    offset than these.
 
     Args:
-        poses: relative poses with their derivatives by the offset.
-        noise_poses: poses whose derivatives are as large as the noise in those.
+        poses: relative poses with their derivatives with respect to the offset.
+        noise_poses: poses whose derivatives are as large as the noise in the derivatives of `poses`.
         estimate: the most likely hinge.
-        loss: of a sample.
+        loss: derivative function of the loss of a sample; None for least squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
@@ -381,13 +393,13 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     shown = normals[0][k, k] - normals[0][k, others] @ across
     share = poses.weights.sum() / max(poses.samples, 1)
     return bool(
-        shown > MIN_CLOCK_OFFSET_SIGNAL_RATIO * normals[1][k, k] and shown * share * MAX_CLOCK_OFFSET_STD**2 > 1
+        shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * normals[1][k, k] and shown * share * MAX_CLOCK_OFFSET_STD**2 > 1
     )
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
-    """Return the hinge with its bias taken off. The bias is proportional to the variance of the noise and does not
-    fall with the number of samples; a negligible one is left.
+    """Return the hinge corrected for its bias, which is proportional to the variance of the noise and does not
+    decrease with the number of samples. A hinge with a negligible bias is returned as it is.
 
     A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
     the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
@@ -420,8 +432,8 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
 def evaluate_hinge(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> HingeResiduals:
-    """Return a HingeResiduals of a given hinge: the residuals and weights of every sample, and the covariance of the
-    hinge's parameters.
+    """Return the HingeResiduals of a given hinge: the residuals and weights of every sample, and the covariance of
+    the hinge's parameters.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -453,7 +465,9 @@ def evaluate_hinge(
         weights[own] = given * first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         slope = (
-            slope + _gram(rows, weights[own])[:-1, :-1] + 2 / _LOSS_SCALE * (score * (second * given**2)) @ score.T
+            slope
+            + _gram(rows, weights[own])[:-1, :-1]
+            + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * (second * given**2)) @ score.T
         )
         scores.append(weights[own] * score)
         left.append(weights[own] * rows[-1])
@@ -471,8 +485,8 @@ def evaluate_hinge(
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
-    """Return the correlation between the numbers of a row and those `lag` places later, of the row for which it is
-    largest.
+    """Return the correlation between the entries of a row and the entries `lag` places later: the largest over all
+    rows, 0 where rows are zero or too short.
     """
     power = (rows * rows).sum(axis=1)
     known = power > 0
@@ -483,26 +497,26 @@ def _lag_correlation(rows: Float64Array, lag: int) -> float:
 
 
 def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
-    """Return how many neighbouring scores to add up before they are squared, so that the sums are uncorrelated; and
-    the lag at which scores are still correlated if that is too many, else 0.
+    """Return (count, lag). `count` neighbouring scores (columns) must be added up for the sums to be uncorrelated.
+    `lag` is 0, or the lag at which scores are still correlated where the recording is too short for long enough sums.
 
-    Sums go over four times the lag at which scores are hardly correlated, but there are _MIN_SCORE_SUMS of them at
-    least.
+    Sums go over four times the lag at which scores are hardly correlated, but there are at least
+    _MIN_NUM_SCORE_SUMS of them.
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _MIN_SCORE_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_NUM_SCORE_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
         lag *= 2
-    together = 1 if lag == 1 else min(4 * lag, count // _MIN_SCORE_SUMS)
-    unresolved = 4 * lag * _MIN_SCORE_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_NUM_SCORE_SUMS)
+    unresolved = 4 * lag * _MIN_NUM_SCORE_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
     return together, lag if unresolved else 0
 
 
 def iterate_residuals(
     poses: RelativePoses, hinge: Hinge, line: EncoderLine | None = None
 ) -> Iterator[tuple[slice, SampleResiduals]]:
-    """Yield the residuals of the hinge constraints E1 and E2 block by block: a slice of the samples, and their
-    SampleResiduals. Those of the encoder are included where its line is given.
+    """Yield the residuals of the hinge constraints E1 and E2 block by block, as pairs of the slice of samples and
+    their SampleResiduals. With `line`, these include the residuals of the encoder.
     """
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
@@ -515,8 +529,8 @@ def iterate_residuals(
         arms = lever1 + arm if told is None else 2 * (told[2] * lever1 + (1 - told[2]) * arm)
         stretch = 1 / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
         tilt = q[2:6:3] * stretch
-        if q[8].min() < _OPPOSITE_AXES_COSINE:
-            tilt[0] = np.where(q[8] < _OPPOSITE_AXES_COSINE, 2.0, tilt[0])
+        if q[8].min() < _MAX_OPPOSITE_AXES_COSINE:
+            tilt[0] = np.where(q[8] < _MAX_OPPOSITE_AXES_COSINE, 2.0, tilt[0])
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
@@ -540,7 +554,9 @@ def iterate_residuals(
 def _normal_equations(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters."""
+    """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters.
+    J are the whitened derivatives, r the whitened residuals, W the weights.
+    """
     total: Float64Array = np.zeros(())
     for own, seen in iterate_residuals(poses, hinge, line):
         rows, weights = seen.whitened_rows(noise), poses.weights[own]
@@ -551,10 +567,10 @@ def _normal_equations(
 
 
 def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the first and the second derivative of a loss at the squared residuals of samples; both are 0 for
-    gross outliers.
+    """Return the first and the second derivative of a loss with respect to the squared residuals of samples,
+    `sizes`. Both are 0 for gross outliers.
     """
-    first, second = loss(sizes / _LOSS_SCALE)
+    first, second = loss(sizes / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL)
     gross = sizes > _MAX_COUNTED_SIZE
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
@@ -571,10 +587,10 @@ def _estimate_noise(
     loss: Loss | None,
     line: EncoderLine | None = None,
 ) -> Noise:
-    """Return the Noise estimated from the residuals: maximum likelihood without a loss, medians with one. No variance
-    is below that of rounding.
+    """Return the Noise estimated from the residuals: by maximum likelihood without a loss, by medians with one. No
+    variance is smaller than that of rounding. `previous_noise` decides which gross outliers the medians leave out.
 
-    `previous_noise` tells which samples are so far off that they are left out of the medians.
+    The variance of positions is what the gaps show beyond the effect of the attitudes.
     """
     parts = []
     for own, seen in iterate_residuals(poses, hinge, line):
@@ -602,7 +618,9 @@ def _estimate_noise(
     place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
     noise = Noise(place, attitude)
     if loss is None:
-        least = Noise(max(_MIN_NOISE_VARIANCE_RATIO * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2)
+        least = Noise(
+            max(_MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2
+        )
         noise, _ = variance_components(poses.thinned(_MAX_COMPONENT_SAMPLES), hinge, noise, least)
     read = np.isfinite(turn) & near
     if line is None or not read.any():
@@ -612,15 +630,15 @@ def _estimate_noise(
     else:
         total = float(np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
     return noise._replace(
-        encoder=max(total - noise.attitude, _MIN_NOISE_VARIANCE_RATIO * total, (4 * UNIT_ROUNDOFF) ** 2)
+        encoder=max(total - noise.attitude, _MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * total, (4 * UNIT_ROUNDOFF) ** 2)
     )
 
 
 def variance_components(
     poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_SCORING_STEPS
 ) -> tuple[Noise, Float64Array]:
-    """Return the most likely variances of relative positions and attitudes as a Noise, found by Fisher scoring, and
-    their covariance (2, 2).
+    """Return the most likely variances of relative positions and attitudes as a Noise, computed by Fisher scoring,
+    and the covariance (2, 2) of both variances.
 
     In the eigenvectors of what noise of attitudes adds to the covariance of a gap, residuals are independent, and
     their squares have means that are linear in both variances (Searle, Casella and McCulloch, Variance Components,
@@ -665,8 +683,8 @@ def variance_components(
 
 
 def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> Float64Array:
-    """Return the solution of a linear system with a symmetric, possibly singular matrix. Directions that the
-    matrix does not determine are 0.
+    """Return the solution of a linear system with a symmetric positive semidefinite matrix. Components of the
+    solution that a singular matrix does not determine are 0.
     """
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     solution = np.linalg.lstsq(matrix * scale * scale[:, None], (right_hand_side.T * scale).T, rcond=1e-13)[0]

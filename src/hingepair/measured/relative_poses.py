@@ -20,13 +20,14 @@ from hingepair.rotations.matrices import rotation_vector
 # Samples of poses that are computed at a time, which limits the memory.
 _POSE_BLOCK_SAMPLES = 4096
 _SAMPLE_PAIR_COUNT = 200  # of samples, each of which gives a hinge
-MAX_RANKING_SAMPLES = 300  # samples that tell which of several candidates is best
-_MIN_PAIR_TURN = 0.017  # [rad] between the samples of a pair
+MAX_CANDIDATE_RANKING_SAMPLES = 300  # samples that tell which of several candidates is best
+_MIN_PAIR_TURN_ANGLE = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
-    """Attitudes and positions of body 2 relative to body 1, component by component, with what is known of each
-    sample.
+    """Attitudes and positions of body 2 relative to body 1 over N samples, with the samples' weights and, where
+    known, derivatives with respect to the clock offset, given noise and encoder readings. Samples are on the last
+    axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
@@ -43,7 +44,7 @@ class RelativePoses(NamedTuple):
         return self.weights.size
 
     def thinned(self, max_samples: int) -> RelativePoses:
-        """Return every k-th of the samples, so that there are at most `max_samples`."""
+        """Return every k-th sample, with the least k that leaves at most `max_samples`."""
         step = -(-self.samples // max_samples)
         if step == 1:
             return self
@@ -56,8 +57,8 @@ class RelativePoses(NamedTuple):
 def compute_relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
-    """Return the poses of body 2 relative to body 1 as RelativePoses, from poses in the world that are all finite:
-    R (N, 3) and S (N, 3, 3).
+    """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world: R (N, 3)
+    and S (N, 3, 3), all finite.
     """
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
@@ -75,8 +76,8 @@ def compute_relative_poses(
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the hinge of least squares in closed form: of the differences between the axes n and Q m, and of the
-    gaps at the hinge point (E1).
+    """Return the hinge that least squares give in closed form. The differences between the axes n and Q m are
+    minimised, then the gaps at the hinge point (E1).
     """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)
@@ -91,13 +92,13 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
 
 
 def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the hinge of least median residuals, which up to half of the samples being outliers do not change
-    (Rousseeuw 1984).
+    """Return the candidate hinge with the least median residuals (Rousseeuw 1984). Candidates are the closed-form
+    hinge and hinges of random pairs of samples; up to half of the samples may be outliers.
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
-    judges = poses.thinned(MAX_RANKING_SAMPLES)
+    judges = poses.thinned(MAX_CANDIDATE_RANKING_SAMPLES)
     first, second = np.random.default_rng(0).choice(poses.samples, (2, _SAMPLE_PAIR_COUNT))
     n, m, u1, u2 = (
         np.concatenate(own)[:, :, None]
@@ -120,13 +121,14 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 def _hinges_of_sample_pairs(
     poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return n, m, u1 and u2, (k, 3) each, of the hinge that each pair of samples shows. Pairs that turn by less
-    than a degree are left out.
+    """Return n, m, u1 and u2, (k, 3) each, of the hinges that k pairs of samples determine. `first` and `second`
+    are the indices of the samples of each pair. Pairs between which body 2 turns by less than a degree are left
+    out.
     """
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
     turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    kept = angle > _MIN_PAIR_TURN
+    kept = angle > _MIN_PAIR_TURN_ANGLE
     Q, angle = Q[kept], angle[kept]
     n = turn[kept] / angle[:, None]
     p = poses.p.T[first[kept]]

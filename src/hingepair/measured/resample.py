@@ -22,7 +22,7 @@ from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_UNIT_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
+_QUATERNION_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
 
 
 @overload
@@ -32,8 +32,8 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate a recording at other instants and return its values there, NaN in gaps. Recordings with different
-    clocks so come to common instants.
+    """Interpolate a recording at other instants `to` and return numbers or a BodyMotion. The result is NaN where the
+    recording has no sample for longer than `gaps` seconds. Warn of wrapped angles and of doubtful units of time.
 
     Between samples, a cubic through the four nearest ones is evaluated (for attitudes: in rotation vectors from the
     sample before), whose error is of order h^4 in the step h. Samples that are not finite are skipped. At an instant
@@ -89,8 +89,8 @@ def resample(
 
 
 def _refuse_quaternions_that_flip(values: Float64Array) -> None:
-    """Raise ArgumentError where values are unit quaternions (N, ..., 4) whose sign changes from one sample to the
-    next.
+    """Raise ArgumentError where the values are unit quaternions (N, ..., 4) and the sign of a quaternion changes from
+    one sample to the next.
 
     Neighbours of a smooth rotation have a positive scalar product unless the sign was changed: q and -q are one
     attitude, but the numbers between them are none.
@@ -100,7 +100,7 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
     quaternions = values.reshape(values.shape[0], -1, 4)
     known = np.isfinite(quaternions).all(axis=(-2, -1))
     quaternions = quaternions[known]
-    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_NORM_TOLERANCE:
+    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _QUATERNION_NORM_TOLERANCE:
         return
     flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
     if flips.size:
@@ -112,8 +112,8 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
 
 
 def _wrapping_suspicions(values: Float64Array) -> list[str]:
-    """Return a list with one sentence on the first column that jumps like an angle reduced to one turn, in radians
-    or degrees; an empty list where none does.
+    """Return a list with one sentence on the first column that jumps like a wrapped angle, by 2 pi or by 360. The
+    list is empty where no column does.
     """
     for index in np.ndindex(values.shape[1:]):
         for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
@@ -129,8 +129,9 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Return values (columns, or rotation matrices where `rotations`) interpolated at other instants `to`; NaN in
-    gaps and beyond the ends. The instants t come from `increasing_seconds`.
+    """Return columns, or rotation matrices if `rotations`, interpolated at other instants `to`. They are NaN
+    before and after the recording and where it has no sample for longer than `gaps` seconds. `t` comes from
+    `increasing_seconds`.
     """
     result = np.full((to.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
@@ -158,8 +159,9 @@ def _columns_between(weights: Float64Array, near: Float64Array) -> Float64Array:
 
 
 def _rotations_between(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return the rotations that weights (N, k) interpolate between neighbouring rotations (N, k, 3, 3), by
-    rotation vectors from one of them. At a sample, the sample itself is returned.
+    """Return rotations (N, 3, 3) interpolated between neighbouring rotations (N, k, 3, 3) with the given weights
+    (N, k), in the rotation vectors relative to one neighbour. Where a weight is 1, that neighbour itself is
+    returned.
     """
     base = neighbours[:, min(1, neighbours.shape[1] - 1)]
     theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ neighbours)
@@ -170,8 +172,8 @@ def _rotations_between(weights: Float64Array, neighbours: Float64Array) -> Float
 
 
 def _lagrange_weights(nodes: Float64Array) -> Float64Array:
-    """Return the weights of the values at distinct nodes, shape (..., k), in the value at 0 of the polynomial
-    through them.
+    """Return Lagrange weights, shape (..., k): the polynomial through values at k distinct nodes has, at 0, the
+    weighted sum of these values.
     """
     weights = np.ones_like(nodes)
     for i, j in itertools.permutations(range(nodes.shape[-1]), 2):

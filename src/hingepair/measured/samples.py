@@ -15,12 +15,12 @@ from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 
-_MAX_NOISE_MISMATCH_RATIO = 1.5  # of the noise that the data show to that which was told, or the other way round
+_MAX_ESTIMATED_TO_GIVEN_NOISE = 1.5  # standard deviations, or the reverse
 
 
 class Samples(NamedTuple):
-    """Recorded samples of both bodies, as checked arrays of one length, and what the user says of their weights
-    and noise.
+    """Checked arrays of one length N: the recorded poses of both bodies, which of them can be used, instants,
+    weights, encoder readings, and the noise that the user gave.
     """
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
@@ -37,8 +37,8 @@ class Samples(NamedTuple):
     encoder: Float64Array | None  # shape (N,)
 
     def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
-        """Return the relative poses of the samples for which `is_used` is true, those of both bodies taken at
-        equal stamps.
+        """Return the RelativePoses of the samples for which `is_used` is true. Both bodies are taken at equal time
+        stamps, without a clock offset.
         """
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
@@ -49,8 +49,8 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a list of sentences where the estimated noise differs from what `noise1` and `noise2` say by more
-        than half; an empty list where it does not.
+        """Return a list of sentences where the estimated noise differs by more than half from the noise that
+        `noise1` and `noise2` of `fit` state. The list is empty where it does not.
         """
         if self.told_noise is None:
             return []
@@ -61,7 +61,7 @@ class Samples(NamedTuple):
         return [
             f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
             for name, ratio in ratios.items()
-            if not 1 / _MAX_NOISE_MISMATCH_RATIO < ratio < _MAX_NOISE_MISMATCH_RATIO
+            if not 1 / _MAX_ESTIMATED_TO_GIVEN_NOISE < ratio < _MAX_ESTIMATED_TO_GIVEN_NOISE
         ]
 
 
@@ -76,7 +76,7 @@ def checked_samples(
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
     """Check the arguments of `fit` and return them as Samples, arrays of one length. Raise ArgumentError that names
-    the argument that cannot be used.
+    the first argument that cannot be used.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -117,8 +117,8 @@ def checked_samples(
 
 
 def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
-    """Return the weights of the samples as an array (num_samples,), all 1 for None. Raise ArgumentError for
-    numbers that are negative or not finite.
+    """Return the weights of the samples as an array (num_samples,), all 1 where `weights` is None. Raise
+    ArgumentError where weights are negative or not finite, ShapeError for another shape.
     """
     if weights is None:
         return np.ones(num_samples)
@@ -131,8 +131,8 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
 
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
-    """Return the encoder's readings as an array without jumps by whole turns. Raise ArgumentError where fewer than
-    two readings differ.
+    """Return the encoder's readings as a float64 array without jumps by whole turns. Raise ShapeError for another
+    shape, ArgumentError where fewer than two readings differ.
     """
     readings = real_array("encoder", encoder).astype(np.float64)
     if readings.shape != shape:
@@ -146,8 +146,9 @@ def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array
 def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
 ) -> tuple[Float64Array | None, Noise | None]:
-    """Return the noise that the user gave: an array (3, N) of the variances of position and attitude divided by
-    their means, and body 1's part of the latter; and both means. Both are None where none was given.
+    """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. The rows are the
+    variances of position and of attitude divided by their means, and the fraction of body 1 in the latter. Return
+    (None, None) without noise; raise ArgumentError for unusable noise.
     """
     if noise1 is None and noise2 is None:
         return None, None

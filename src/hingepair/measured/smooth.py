@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.likelihood import LOSS_DERIVATIVES_BY_NAME, Loss
+from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME, Loss
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import MIN_PIECE_SAMPLES, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
@@ -34,20 +34,21 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_NUM_ATTITUDE_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
-_DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+_NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
+_ANGULAR_VELOCITY_DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
 # Names of a smoothed quantity and its derivatives.
-_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_SAMPLE_KIND_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
-_MAX_RESIDUAL_CORRELATION = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
-_MAX_RELATIVE_ROUNDING_NOISE = 1e-11  # noise, in parts of the largest sample, that is rounding
-_MAX_DERIVATIVE_NOISE_RATIO = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
+_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_SAMPLES_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
+# Correlation of what is left of neighbouring samples, that is not warned of.
+_MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.2
+_MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
+_MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """What `smooth` returns of a body: its smooth motion with velocities and accelerations, NaN in gaps, and how
-    accurate they are.
+    """The result of `smooth` for a body: the smooth motion with velocities and accelerations, NaN in gaps, standard
+    deviations, the bandwidth, and the correlation of the noise.
 
     Attributes:
         noise: standard deviations of one component by letter: of R and S those of the samples [m, rad]; of v, omega,
@@ -72,7 +73,10 @@ class SmoothedMotion(BodyMotion):
         BodyMotion.__init__(self, **arrays)
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
-        for names, letter in ((_DERIVATIVE_NAMES_BY_LETTER["R"], "R"), (_DERIVATIVE_NAMES_BY_LETTER["S"], "S")):
+        for names, letter in (
+            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["R"], "R"),
+            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["S"], "S"),
+        ):
             noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
                 std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
@@ -85,8 +89,9 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """What `smooth` returns of an angle: the smooth angle with its two derivatives, NaN in gaps, and how accurate
-    they are. `psi, psid, psidd = smoothed` unpacks it.
+    """The result of `smooth` for an angle: the smooth angle with two derivatives, NaN in gaps, standard deviations,
+    the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks the angle and its
+    derivatives.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
@@ -129,8 +134,9 @@ def smooth(
     gaps: float = 0.05,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
-    """Smooth the recorded motion of a body, or a recorded angle, and differentiate it twice with respect to time.
-    Return a SmoothedMotion or a SmoothedAngle.
+    """Smooth the recorded motion of a body, or a recorded angle, and return a SmoothedMotion or a SmoothedAngle with
+    first and second time derivatives. `gaps` is the longest time without samples that is filled [s]. Warn of noise,
+    outliers, filtered samples and doubtful units.
 
     Smoothing splines are used (`hingepair.measured.spline`); attitudes are smoothed on the rotation group. Unless a
     bandwidth is given, generalised cross validation chooses it. The noise may be white, or correlated from sample to
@@ -172,7 +178,7 @@ def smooth(
     """
     time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
-    check_choice("loss", loss, LOSS_DERIVATIVES_BY_NAME)
+    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_BY_NAME)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
     recording = body if isinstance(body, BodyMotion) else real_array("body", body)
@@ -180,20 +186,20 @@ def smooth(
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {recording.shape}")
     warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
     if isinstance(recording, BodyMotion):
-        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
+        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss])
     angles = recording.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
         warn_of_measurements(angle_suspicions("body", angles))
-    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVES_BY_NAME[loss])
+    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss])
 
 
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
-    """Smooth the positions and attitudes of a body and return a SmoothedMotion. Warn of noise, outliers and
-    filtered samples that make it doubtful.
+    """Smooth the positions and attitudes of a body and return a SmoothedMotion. Warn where noise, outliers or
+    earlier filtering make it doubtful. Raise ArgumentError for a body without attitudes.
     """
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
@@ -205,8 +211,8 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(_SAMPLE_KIND_BY_LETTER[letter], samples, parts[letter], loss)
-            rates += _DERIVATIVE_NAMES_BY_LETTER[letter][1:]
+            sentences += _residual_suspicions(_SAMPLES_NAME_BY_LETTER[letter], samples, parts[letter], loss)
+            rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
 
@@ -219,13 +225,20 @@ def smoothed_arrays(
     gaps: float,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], dict[str, SmoothedColumns]]:
-    """Smooth positions R and attitudes S. Return the arrays R, v, a, S, omega and alpha by name, and the
-    SmoothedColumns of R and S, which hold bandwidths and standard deviations.
+    """Smooth positions R (N, 3) and attitudes S (N, 3, 3). Return a dict of the arrays R, v, a, S, omega and
+    alpha, and a dict of the SmoothedColumns of R and S, which hold bandwidths and standard deviations. `gaps` is
+    the longest time without samples that is filled [s].
     """
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
-    arrays = dict(zip(_DERIVATIVE_NAMES_BY_LETTER["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
+    arrays = dict(
+        zip(
+            _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["R"],
+            (places.values[0] + origin, *places.values[1:]),
+            strict=True,
+        )
+    )
     turns, attitudes = _smooth_attitudes(t, S, _smoothable_pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
     return arrays | turns, {"R": places, "S": attitudes}
 
@@ -238,12 +251,12 @@ def _smooth_attitudes(
     bandwidth: float | None,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], SmoothedColumns]:
-    """Smooth attitudes (N, 3, 3). Return the arrays S, omega and alpha by name, and the SmoothedColumns that hold
-    the bandwidth and standard deviations.
+    """Smooth attitudes (N, 3, 3) in each of `pieces`, the index arrays of the samples between gaps. Return a dict
+    of the arrays S, omega and alpha, and the SmoothedColumns, which hold the bandwidth and standard deviations.
     """
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     base = interpolated(t, S, t, gaps, rotations=True)
-    for _ in range(_NUM_ATTITUDE_ROUNDS):
+    for _ in range(_NUM_ATTITUDE_SMOOTHING_ROUNDS):
         flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
         smoothed = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), pieces, bandwidth, loss)
@@ -252,14 +265,15 @@ def _smooth_attitudes(
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in piece_slices:
         omega[piece], alpha[piece] = angular_velocity_from_samples(
-            t[piece], base[piece], _DIFFERENCE_ORDER, with_alpha=True
+            t[piece], base[piece], _ANGULAR_VELOCITY_DIFFERENCE_ORDER, with_alpha=True
         )
     return {"S": base, "omega": omega, "alpha": alpha}, smoothed
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """Map a path of attitudes to a path in flat space (N, 3), and return it with the frames (N, 3, 3) in which its
-    steps are turned. Each piece begins at 0 with the identity.
+    """Map a path of attitudes to a path in flat space (N, 3). Return the flat path and rotation matrices (N, 3, 3),
+    which convert between steps in body axes and steps in flat space. Each piece starts at 0 with the identity; both
+    are NaN between pieces.
 
     From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
     that, in the axes of the body.
@@ -274,8 +288,8 @@ def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple
 
 
 def _cumulative_products(turns: Float64Array) -> Float64Array:
-    """Return the matrix products turns[i] @ ... @ turns[0] for every i, (N, 3, 3), in about log2(N)
-    multiplications of arrays.
+    """Return the cumulative products of rotation matrices, turns[i] @ ... @ turns[0] for every i, shape (N, 3, 3).
+    About log2(N) array multiplications are needed.
     """
     product, reach = turns, 1
     while reach < turns.shape[0]:
@@ -287,8 +301,8 @@ def _cumulative_products(turns: Float64Array) -> Float64Array:
 def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
-    """Smooth a recorded angle (N,) [rad] and return a SmoothedAngle. Warn of noise, outliers and filtered samples
-    that make it doubtful.
+    """Smooth a recorded angle (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. Warn
+    where noise, outliers or earlier filtering make the result doubtful.
     """
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
@@ -312,8 +326,9 @@ def _smooth_angle(
 
 
 def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
-    """Return the indices of the samples in each piece between gaps, as a list of arrays. Raise ArgumentError where
-    no piece has enough samples to be smoothed.
+    """Return a list of index arrays: the samples of each piece between gaps, which are times longer than `gaps`
+    [s] without samples. Pieces too short to be smoothed are left out; raise ArgumentError, which names the
+    argument `name`, where none remains.
     """
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE_SAMPLES)
@@ -330,12 +345,12 @@ def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> di
 
 def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
     """Return whether the noise of samples is no more than their rounding, so that there is nothing to say of it."""
-    return bool(smoothed.noise <= _MAX_RELATIVE_ROUNDING_NOISE * float(np.nanmax(np.abs(samples))))
+    return bool(smoothed.noise <= _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE * float(np.nanmax(np.abs(samples))))
 
 
 def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
-    """Return a list of sentences on what the residuals of a smoothing show: samples that were filtered before,
-    correlated noise, or outliers. The list is empty where they show none of these.
+    """Return a list of sentences on what the residuals of a smoothing show: earlier filtering, correlated noise,
+    or outliers. The list is empty where they show none of these.
     """
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"
@@ -345,7 +360,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.left > max(_MAX_RESIDUAL_CORRELATION, 4 / np.sqrt(count)):
+    elif smoothed.left > max(_MAX_NEIGHBOUR_RESIDUAL_CORRELATION, 4 / np.sqrt(count)):
         sentences.append(
             f"{name}: what smoothing leaves of neighbouring samples is correlated ({smoothed.left:.2g}): motion that "
             f"the bandwidth of {smoothed.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
@@ -360,13 +375,13 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
 def _noise_suspicions(
     names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
 ) -> list[str]:
-    """Return a list with one sentence that names the derivatives which are mostly noise; an empty list where none
-    is.
+    """Return a list with one sentence that names the derivatives that are mostly noise. The list is empty where
+    none is.
     """
     drowned = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > _MAX_DERIVATIVE_NOISE_RATIO * size:
+        if noise[letter] > _MAX_NOISE_TO_RMS_DERIVATIVE * size:
             unit = unit_of(letter)
             drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     return [f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"] if drowned else []

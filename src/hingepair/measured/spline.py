@@ -40,38 +40,44 @@ MIN_PIECE_SAMPLES = 8
 """Samples of a piece that is smoothed."""
 _SPLINE_DEGREE = 7  # of the B-splines
 _PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
-_KNOTS_PER_PERIOD = 4.0  # in a period of the bandwidth
-_DEGREE_OF_FREEDOM_COST = 1.4  # how often generalised cross validation counts each degree of freedom
-_BANDWIDTH_FACTOR = 1.1
-"""What the bandwidth of least cross validation is multiplied by: derivatives near the ends gain more by it than those
+_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
+# How often generalised cross validation counts each degree of freedom.
+_CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4
+_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
+"""Factor on the bandwidth of the least cross-validation score: derivatives near the ends gain more by it than those
 in the middle lose."""
-_TRIED_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # that are tried
+_CANDIDATE_NOISE_CORRELATIONS = np.concatenate(
+    (np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97))
+)  # of neighbouring samples
 # In the logarithm of the likelihood, from which noise is taken for correlated.
-_MIN_CORRELATION_LIKELIHOOD_GAIN = 12.0
-_MIN_FREQUENCY_INDEX = 4  # of a tapered spectrum: slower ones are of the taper itself
+_MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 12.0
+_MIN_SPECTRUM_FREQUENCY_INDEX = 4  # of a tapered spectrum: slower ones are of the taper itself
 _MIN_SPECTRUM_SAMPLES = 128  # samples of a piece whose spectrum is taken
 # Blackman and Harris's: little of slow motion leaks into fast noise.
-_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
-_INDEPENDENT_TERM_RATIO = 0.5  # of the terms of a tapered spectrum that are independent
-_MAX_WINSORISED_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
-_MAX_CORRELATED_STEP_RATIO = 1.5  # in median steps, over which neighbours' noise is correlated
+_SPECTRUM_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
+_INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum that are independent
+_MAX_WINSORISED_SAMPLE_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
+_MAX_CORRELATED_TO_MEDIAN_TIME_STEP = 1.5  # longest time step over which neighbours' noise is correlated
 _REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
-_ZERO_WEIGHT_SQUARED_RESIDUAL = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
+# In variances, from which a sample counts nothing in losses but "linear".
+_ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES = 100.0
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MAX_RECORD_PARTS, _MIN_RECORD_PART_SAMPLES = 16, 16
 """Parts of a record whose residuals are compared, and samples of each."""
 # Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
-_MIN_PART_SQUARE_RATIO = 1 / 30
+_MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL = 1 / 30
 _MIN_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
-_NUM_CORRELATION_BANDS = 2  # by which neighbours that are correlated reach further
-_NUM_TRACE_PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
+_NUM_EXTRA_BANDS_FOR_CORRELATION = 2  # by which neighbours that are correlated reach further
+_NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
 _WINDOW, _WINDOWS = 4096, 8
 """Of long records the bandwidth is chosen on so many stretches of so many samples."""
 
 
 class SmoothedColumns(NamedTuple):
-    """Smoothed columns with their first and second derivatives, and how accurate they are."""
+    """Smoothed columns with their first and second derivatives and standard deviations, the bandwidth, the noise
+    and its correlation, and the share of outliers.
+    """
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
     deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
@@ -89,7 +95,9 @@ class SmoothedColumns(NamedTuple):
 
 
 class SmoothingModel(NamedTuple):
-    """Assumptions of a smoothing: its bandwidth, and the correlation of the noise of neighbouring samples."""
+    """Assumptions of a smoothing: the bandwidth, the correlation of the noise of neighbouring samples, and whether
+    the bandwidth is the highest possible.
+    """
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
@@ -103,8 +111,9 @@ def smooth_columns(
     bandwidth: float | None,
     loss: Loss | None = None,
 ) -> SmoothedColumns:
-    """Smooth columns (N, k) piece by piece with a smoothing spline, and return them with first and second
-    derivatives. A bandwidth of None is chosen by cross validation. Raise MissingDependencyError without SciPy.
+    """Smooth columns (N, k) with a smoothing spline in each of `pieces` (index arrays), and return SmoothedColumns
+    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation. Raise
+    MissingDependencyError without SciPy.
 
     A piece has at least MIN_PIECE_SAMPLES samples, all of them finite. With a loss, outliers count little, each
     sample as a whole.
@@ -121,7 +130,7 @@ def smooth_columns(
     k, weights, rest = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
     for turn in range(1 if loss is None else _REWEIGHTINGS):
         if turn < _CHOICES:
-            clean, off = columns.copy(), weights < _MAX_WINSORISED_WEIGHT
+            clean, off = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
             clean[used[off]] -= rest[off]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
         spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
@@ -136,7 +145,9 @@ def smooth_columns(
             variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
             weights = np.where(
-                sizes > _ZERO_WEIGHT_SQUARED_RESIDUAL, 0.0, loss(sizes / _LOSS_SCALE_BY_COLUMN_COUNT[k])[0]
+                sizes > _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES,
+                0.0,
+                loss(sizes / _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
             )
             weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT)
     white = spline.whitened(rest)
@@ -160,15 +171,16 @@ def smooth_columns(
 
 
 def _outlier_share(squares: Float64Array, column_count: int) -> float:
-    """Return the part of the samples whose squared residuals (N,) are outliers. It is 0 where residuals are much
-    smaller in one part of the record than in most: then motion that the curve cannot follow makes the large ones.
+    """Return the fraction of the samples whose squared residuals (N,) are outliers. It is 0 where residuals are
+    much smaller in one part of the record than elsewhere, since the large ones are then due to motion that the
+    curve cannot follow.
     """
     typical = float(np.median(squares))
     parts = np.array_split(squares, min(_MAX_RECORD_PARTS, max(1, squares.size // _MIN_RECORD_PART_SAMPLES)))
-    if min(float(np.median(part)) for part in parts) < _MIN_PART_SQUARE_RATIO * typical:
+    if min(float(np.median(part)) for part in parts) < _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL * typical:
         return 0.0
     variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
-    return float(np.mean(squares > _ZERO_WEIGHT_SQUARED_RESIDUAL / 2 * variance))
+    return float(np.mean(squares > _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES / 2 * variance))
 
 
 def _choose_model(
@@ -179,8 +191,8 @@ def _choose_model(
     weights: Float64Array,
     bandwidth: float | None,
 ) -> SmoothingModel:
-    """Return the SmoothingModel for some columns: the bandwidth [Hz] of least generalised cross validation unless one
-    is given, and the correlation of the noise.
+    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz], or that with the least generalised
+    cross-validation score where it is None, and the correlation of the noise, estimated from `clean_columns`.
 
     Args:
         t: instants [s]; shape (N,).
@@ -209,16 +221,18 @@ def _choose_model(
 def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
 ) -> SmoothingModel:
-    """Return the SmoothingModel whose bandwidth has the least generalised cross-validation score, for a given
-    correlation of neighbours' noise.
+    """Return the SmoothingModel with the least generalised cross-validation score over the bandwidth, for a given
+    correlation of the noise of neighbouring samples.
     """
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(log_bandwidth: float) -> float:
-        """Return the generalised cross-validation score of the bandwidth [Hz] with the given natural logarithm."""
+        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf where too
+        few samples remain.
+        """
         spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
-        share = 1 - _DEGREE_OF_FREEDOM_COST * spline.freedom() / count
+        share = 1 - _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM * spline.freedom() / count
         if share <= 0:
             return np.inf
         rest = spline.whitened(values - spline.fitted(spline.solve(values)))
@@ -237,18 +251,18 @@ def _cross_validated_model(
             if (value := score(x)) < lowest:
                 best_logarithm, lowest = x, value
         width /= 2
-    return SmoothingModel(_BANDWIDTH_FACTOR * float(np.exp(best_logarithm)), correlation, limited)
+    return SmoothingModel(_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, limited)
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Return the parts of a piece without holes, since a spectrum supposes even steps."""
     steps = np.diff(t[piece])
-    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_STEP_RATIO * np.median(steps)) + 1)
+    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * np.median(steps)) + 1)
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
-    """Return the correlation of the noise of neighbouring samples, estimated from the spectrum of each piece; 0 where
-    the noise may be white.
+    """Return the correlation of the noise of neighbouring samples, estimated from the spectrum of each piece, (N, k)
+    each. Return 0 where the noise may be white.
 
     The spectrum is taken for that of a motion that falls with the tenth power of the frequency, and of noise.
     """
@@ -259,12 +273,12 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
             continue
         place = np.arange(count)
         angle = 2 * np.pi * place / count
-        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_TAPER_COEFFS))
+        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_SPECTRUM_TAPER_COEFFS))
         line = np.polynomial.polynomial.polyfit(place / count, values, 1)
         level = values - np.polynomial.polynomial.polyval(place / count, line).T
         power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
-        frequencies.append(np.arange(_MIN_FREQUENCY_INDEX, power.size - 1) / count)
-        powers.append(power[_MIN_FREQUENCY_INDEX : power.size - 1])
+        frequencies.append(np.arange(_MIN_SPECTRUM_FREQUENCY_INDEX, power.size - 1) / count)
+        powers.append(power[_MIN_SPECTRUM_FREQUENCY_INDEX : power.size - 1])
     if not powers:
         return 0.0
     f, power = np.concatenate(frequencies), np.concatenate(powers)
@@ -275,18 +289,20 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     motion = (corners[:, None] / f) ** (2 * _PENALISED_DERIVATIVE_ORDER)
     cosine = np.cos(2 * np.pi * f)
     costs = []
-    for correlation in _TRIED_CORRELATIONS:
+    for correlation in _CANDIDATE_NOISE_CORRELATIONS:
         noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
         shape = noise + motion * (1 + correlation) / (1 - correlation)
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
     columns = pieces[0].shape[1]
     best = int(np.argmin(costs))
-    gain = _INDEPENDENT_TERM_RATIO * columns * (costs[0] - costs[best])
-    return float(_TRIED_CORRELATIONS[best]) if gain > _MIN_CORRELATION_LIKELIHOOD_GAIN else 0.0
+    gain = _INDEPENDENT_SPECTRUM_TERM_FRACTION * columns * (costs[0] - costs[best])
+    return float(_CANDIDATE_NOISE_CORRELATIONS[best]) if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE else 0.0
 
 
 def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays: stretches of the pieces, evenly spread, that stand for a long record."""
+    """Return a list of index arrays: evenly spread stretches of the pieces that represent a long record. No
+    stretch extends over two pieces.
+    """
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
@@ -299,8 +315,8 @@ def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
 
 
 class SmoothingSpline:
-    """A smoothing spline of given bandwidth: B-splines on uniform knots in each piece, and the factor of the
-    banded matrix that is solved for their coefficients.
+    """A smoothing spline of given bandwidth: B-splines on uniform knots in each piece, and the Cholesky factor of
+    the banded matrix that is solved for their coefficients.
     """
 
     def __init__(
@@ -311,7 +327,7 @@ class SmoothingSpline:
         from scipy.sparse import block_diag
 
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
-        widest = max(1 / (_KNOTS_PER_PERIOD * model.bandwidth), step) * (1 + 1e-12)
+        widest = max(1 / (_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_continued(own) for own in inner]
         self.ends = np.cumsum([own.size - _SPLINE_DEGREE - 1 for own in self.knots])
@@ -323,7 +339,7 @@ class SmoothingSpline:
         rows, bands = self.basis, _SPLINE_DEGREE
         if self.whitener is not None:
             rows = self.whitener @ self.basis
-            bands += _NUM_CORRELATION_BANDS
+            bands += _NUM_EXTRA_BANDS_FOR_CORRELATION
         self.normal = rows.T @ rows
         penalty = np.concatenate([_penalty_bands(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
         weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED_DERIVATIVE_ORDER) / step
@@ -340,8 +356,8 @@ class SmoothingSpline:
         return columns if self.whitener is None else np.asarray(self.whitener @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
-        """Return the B-spline coefficients of the smooth curves through columns, which hold the samples of all
-        pieces one after the other.
+        """Return the B-spline coefficients of the smooth curves through columns (N, k), which hold the samples of
+        all pieces one after the other.
         """
         if self.whitener is None:
             return self._solved(self.basis.T @ columns)
@@ -357,8 +373,8 @@ class SmoothingSpline:
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the derivative of the given order (0 for the values) of the curves with some coefficients, at
-        instants t [s] in one piece.
+        """Return the curves with the given B-spline coefficients, or their derivative of an order above 0, at
+        instants t [s] in the piece with index `piece`.
         """
         from scipy.interpolate import BSpline
 
@@ -371,8 +387,9 @@ class SmoothingSpline:
         return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the variances (N,) of the derivative of the given order at instants t in one piece, for samples
-        with noise of variance 1.
+        """Return the variances (N,) of the curve, or of its derivative of an order above 0, at instants t [s] in
+        the piece with index `piece`. The noise of the samples is taken to have variance 1. The first call computes
+        and caches covariances.
         """
         from scipy.interpolate import BSpline
 
@@ -391,11 +408,11 @@ class SmoothingSpline:
         return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
 
     def freedom(self) -> float:
-        """Return the effective degrees of freedom, the trace of the smoother, estimated with random vectors of
-        signs.
+        """Return an estimate of the effective degrees of freedom, the trace of the smoother matrix, from random
+        vectors of signs (fixed seed).
         """
         size = int(self.ends[-1])
-        probes = np.zeros((size, min(_NUM_TRACE_PROBES, size)))
+        probes = np.zeros((size, min(_NUM_TRACE_PROBE_VECTORS, size)))
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
             (-1.0, 1.0), size
         )
@@ -403,8 +420,8 @@ class SmoothingSpline:
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise of the samples white and of equal variance; None where it
-    already is.
+    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None where it
+    is so already. `step` is the usual time step [s], to which `correlation` refers.
     """
     from scipy.sparse import diags_array
 
@@ -419,15 +436,16 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         start += time.size
     with np.errstate(divide="ignore"):
         alike = np.where(
-            between > _MAX_CORRELATED_STEP_RATIO * step, 0.0, correlation ** np.minimum(between / step, 1e3)
+            between > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * step, 0.0, correlation ** np.minimum(between / step, 1e3)
         )
     own = 1 / np.sqrt(1 - alike**2)
     return diags_array([own * scale, (-alike * own)[1:] * scale[:-1]], offsets=[0, -1], format="csr")
 
 
 def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
-    """Return the upper bands of the inverse of a positive definite matrix that is given by its upper bands; `bands`
-    says how many, at most as many as the matrix has.
+    """Return the first `bands` upper bands of the inverse of a positive definite banded matrix: an array whose row d,
+    column j holds the entry (j, j + d), padded at the end. The matrix is given by its upper bands, as SciPy stores
+    them.
 
     With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first
     (Takahashi, Fagan and Chin, Proceedings of the Eighth PICA Conference, 1973, 63-69).
@@ -475,8 +493,8 @@ def _continued(knots: Float64Array) -> Float64Array:
 
 
 def _penalty_bands(intervals: int, width: float) -> Float64Array:
-    """Return the upper bands of the matrix of integrals of products of the fifth derivatives of uniform B-splines,
-    on `intervals` intervals of the given width.
+    """Return the upper bands of the penalty matrix: integrals of products of the fifth derivatives of uniform
+    B-splines, on `intervals` intervals of length `width`.
     """
     from scipy.interpolate import BSpline
 
