@@ -198,6 +198,6 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     whole = run_long(values, 19)
     monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_UNSPLIT_PART", 0)
     monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_PER_SPLIT_STEP", length)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BETWEEN_FRAME_LOADS", distance)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

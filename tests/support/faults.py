@@ -653,8 +653,8 @@ FAULTS = {
     ),
     "far angles not repaired": Fault(
         "engine/llvm_sines.py",
-        "_MAX_REDUCED_ANGLE_RAD: Final = 1e6",
-        "_MAX_REDUCED_ANGLE_RAD: Final = 1e300",
+        "_MAX_REDUCIBLE_ANGLE_RAD: Final = 1e6",
+        "_MAX_REDUCIBLE_ANGLE_RAD: Final = 1e300",
         "engine/test_loops.py::test_far_angles_and_none_at_all",
     ),
     "pi/2 in one part": Fault(

@@ -180,8 +180,8 @@ class Call:
         return self._execute_source(source, "one", kernel_function=kernel_function)
 
     def _make_python_path(self) -> Callable[..., Any]:
-        """Generate and return the Python function of the fast path for one state, which serves until compiling a
-        kernel pays. It returns None for other arguments than float64 arrays and floats of one state.
+        """Generate and return the Python function of the fast path for one state. It returns None for arguments other
+        than float64 arrays and floats of one state, and switches to a compiled kernel when compiling one pays.
         """
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
@@ -213,8 +213,8 @@ class Call:
         return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
 
     def _result_lines(self, arguments: str, leading_shape: str) -> list[str]:
-        """Return the lines of generated source that check the limits and return the result. The lines are unrolled
-        because a loop over the outputs is too slow.
+        """Return the lines of generated source that check the limits and return the result. `arguments` and
+        `leading_shape` are source text: the names of the arguments, and "samples, " for a batch.
 
         Args:
             arguments: the names of the arguments in the source.
@@ -274,8 +274,8 @@ class Call:
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
         """Return the results for checked arguments of one state or of many. Outputs named in `out` are written into
-        its arrays. Raises an error if shapes do not broadcast, an array of `out` does not fit, or a limit is
-        exceeded.
+        its arrays, and a kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of
+        `out` does not fit, or a limit is exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -312,8 +312,8 @@ class Call:
     def _run_fast_path(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
-        """Return the results of the fast path, or None if it does not support the arguments. Compiles the kernel if
-        that pays by now.
+        """Return the results of the fast path, with outputs written into `out` if it is given; return None if the
+        arguments are not supported. Compiles the kernel when that pays.
         """
         single = not any(shapes.values())
         if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
@@ -340,7 +340,8 @@ class Call:
 
     def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
         """Run the machine code with `out` as its output arrays, and return the result. Return None, with nothing
-        written, if the arguments or arrays are not supported or no kernel is in use.
+        written, if the arguments or arrays are not supported or no kernel is in use. Raises an error if a limit is
+        exceeded.
 
         Where None is returned, nothing has been written.
 
@@ -378,8 +379,9 @@ class Call:
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
-        """Return the results as arrays of another array library, which computes them. Limits are not checked. Raises
-        an error for `out`, a backend or a number of workers, which hold for NumPy only.
+        """Return the results as arrays of another array library, which computes them; the result class is registered
+        with JAX if JAX is the library. Limits are not checked. Raises an error if `out`, a backend or several workers
+        are requested.
 
         Args:
             values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
@@ -527,11 +529,11 @@ def output_buffers(
     return {name: out[name] if out and name in out else np.empty(size, dtype) for name, size in sizes.items()}
 
 
-def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
-    """Raise an error unless the array that `out` holds for an output is a writable NumPy array of this shape and
+def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
+    """Raise an error unless the array that `out` holds for this output is a writable NumPy array of this shape and
     dtype.
     """
-    name = f"out[{output!r}]"
+    name = f"out[{output_name!r}]"
     if not isinstance(array, np.ndarray):
         raise ArgumentError(name, "a NumPy array to write into", quoted(array))
     if array.shape != shape:

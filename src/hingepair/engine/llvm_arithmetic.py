@@ -34,7 +34,7 @@ _MAX_OPERATIONS_OF_UNSPLIT_PART: Final = 1000
 _MAX_OPERATIONS_PER_SPLIT_STEP: Final = 300
 """Number of operations of each step of a longer part: few enough for LLVM to spill few registers."""
 
-_MAX_OPERATIONS_BETWEEN_FRAME_LOADS: Final = 40
+_MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME: Final = 40
 """Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
 
 _LLVM_INSTRUCTION_BY_OPERATION: Final = {
@@ -48,7 +48,7 @@ _LLVM_INSTRUCTION_BY_OPERATION: Final = {
 
 class ComponentGroup(NamedTuple):
     """The components of one input or output array, as traced values or numbers, which lie at one common stride in
-    memory.
+    memory. `varies` says whether they vary along the inner axis of samples.
 
     Attributes:
         values: the traced inputs, or results, in the order of the components.
@@ -79,8 +79,8 @@ class Carry(NamedTuple):
 
 
 class KernelStep(NamedTuple):
-    """One LLVM function of a kernel's program: either a list of values that it computes, or a list of angles whose
-    sines are computed together by a shared function.
+    """One LLVM function of a kernel's program, with the input components that it loads. It computes either a list of
+    values, or the sines of a list of angles by a shared function.
 
     Attributes:
         name: name of the LLVM function.
@@ -183,8 +183,8 @@ class Arithmetic:
         return [one for one in read if isinstance(one, TracedValue)]
 
     def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Split the values to compute into steps, and return the list of steps, named by a prefix and a number. A
-        step of sines comes as early as its angles allow. Records the operations that read the sines of each angle.
+        """Split values into steps, and return the list of steps, whose names are a prefix and a number. A step of
+        sines comes as early as its angles allow. Also records which values are the sines of each angle.
         """
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
@@ -262,8 +262,8 @@ class Arithmetic:
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame to each value that more than one function reads. Sets the attributes that
-        describe the frame.
+        """Assign a slot of the frame to each value that more than one function reads; slots are reused. Sets the
+        attributes that describe the frame.
 
         A slot is used again when its value is not needed any more.
         """
@@ -411,7 +411,7 @@ class Arithmetic:
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
         name, position = self._names.get(id(value), ("", 0))
-        if not name or self._position - position > _MAX_OPERATIONS_BETWEEN_FRAME_LOADS:
+        if not name or self._position - position > _MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
                 number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", value.name)

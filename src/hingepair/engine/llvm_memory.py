@@ -27,16 +27,16 @@ MAX_COMPONENTS_OF_STREAMED_OUTPUT: Final = 512
 
 _CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
 # Parameters of a function that stores samples into an output of any strides.
-_TARGET_ARRAY_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
+_OUTPUT_PARAMETER_LIST: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
-LLVM_PARAMETERS_BY_MEMORY_FUNCTION: Final = {
+LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
-    "scatter": f"ptr noalias %from, i64 %count, {_TARGET_ARRAY_PARAMETERS}",
+    "scatter": f"ptr noalias %from, i64 %count, {_OUTPUT_PARAMETER_LIST}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
-    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET_ARRAY_PARAMETERS}",
+    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_OUTPUT_PARAMETER_LIST}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
 """Parameter list (LLVM IR) of each memory function, by its name; the functions return nothing.
@@ -71,12 +71,12 @@ def _begin_function(name: str, float_type: str) -> FunctionBuilder:
     """Return the builder of a shared memory function, begun with its signature, for numbers of type "double" or
     "float".
     """
-    return FunctionBuilder(f"void {shared_name(name, float_type)}({LLVM_PARAMETERS_BY_MEMORY_FUNCTION[name]})")
+    return FunctionBuilder(f"void {shared_name(name, float_type)}({LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION[name]})")
 
 
 def _lanes_function(float_type: str, _: int) -> str:
-    """Return the LLVM code of the function `lanes`, which stores the byte offsets of lanes 1 to 7 from lane 0. Lanes
-    beyond the last sample get the offset 0.
+    """Return the LLVM code of the function `lanes`, which stores the byte offset of the sample in each of the lanes 1
+    to 7 from the sample in lane 0. Lanes beyond the last sample get the offset 0.
 
     With the offset 0, these lanes repeat the first sample.
     """
@@ -88,8 +88,8 @@ def _lanes_function(float_type: str, _: int) -> str:
 
 
 def _lane_offsets(f: FunctionBuilder) -> list[str]:
-    """Append the byte offsets of lanes 1 to 7 from lane 0, and return the list of their names. Lanes beyond the last
-    sample get the offset 0.
+    """Append the computation of the byte offset of the sample in each of the lanes 1 to 7 from the sample in lane 0;
+    it is 0 beyond the last sample. Return the list of the names of the offsets.
     """
     inside = [f.put(f"icmp slt i64 {k}, %rest") for k in range(1, LANE_COUNT)]
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from hingepair.engine.llvm_builder import shared_name
-from hingepair.engine.llvm_memory import LLVM_PARAMETERS_BY_MEMORY_FUNCTION, memory_functions
-from hingepair.engine.llvm_sines import LLVM_PARAMETERS_BY_SINE_FUNCTION, sine_functions
+from hingepair.engine.llvm_memory import LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION, memory_functions
+from hingepair.engine.llvm_sines import LLVM_PARAMETER_LIST_BY_SINE_FUNCTION, sine_functions
 
-_LLVM_PARAMETERS_BY_SHARED_FUNCTION: Final = {
-    **LLVM_PARAMETERS_BY_MEMORY_FUNCTION,
-    **LLVM_PARAMETERS_BY_SINE_FUNCTION,
+_LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION: Final = {
+    **LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION,
+    **LLVM_PARAMETER_LIST_BY_SINE_FUNCTION,
 }
 """Parameter list (LLVM IR) of each shared function, by its name."""
 
@@ -24,12 +24,12 @@ def shared_ir(number: str) -> str:
 
 def shared_symbols(number: str) -> list[str]:
     """Return the list of linker symbols of the shared functions for numbers of type "double" or "float"."""
-    return [shared_name(name, number)[1:] for name in _LLVM_PARAMETERS_BY_SHARED_FUNCTION]
+    return [shared_name(name, number)[1:] for name in _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION]
 
 
 def declarations(number: str) -> list[str]:
     """Return a list of LLVM declarations of the shared functions, for numbers of type "double" or "float"."""
     return [
         f"declare void {shared_name(name, number)}({parameters})"
-        for name, parameters in _LLVM_PARAMETERS_BY_SHARED_FUNCTION.items()
+        for name, parameters in _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION.items()
     ]

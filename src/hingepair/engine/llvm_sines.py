@@ -10,7 +10,7 @@ from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecim
 SINE_OPERATION_NAMES: Final = ("sin", "cos", "versine")  # in the order in which the function stores its results
 DOUBLE_VECTOR_TYPE: Final = f"<{LANE_COUNT} x double>"  # LLVM's type of a vector of doubles, one for each lane
 
-_MAX_REDUCED_ANGLE_RAD: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
+_MAX_REDUCIBLE_ANGLE_RAD: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
 _INTEGER_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52; adding it rounds to an integer in the low bits
 _HALF_PI_SUMMANDS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
 # Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r / r - 1) / r^2 with a relative error of
@@ -33,12 +33,12 @@ _SINE_CONSTANTS_TABLE: Final = (
     _INTEGER_ROUNDING_OFFSET,
     0.5,
     1.0,
-    _MAX_REDUCED_ANGLE_RAD,
+    _MAX_REDUCIBLE_ANGLE_RAD,
 )
 """All constants of the generated sines, in the order of their table in memory."""
 
 
-LLVM_PARAMETERS_BY_SINE_FUNCTION: Final = {
+LLVM_PARAMETER_LIST_BY_SINE_FUNCTION: Final = {
     "sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"
 }
 """Parameter list (LLVM IR) of each sine function that kernels call, by its name."""
@@ -80,11 +80,11 @@ def _sines_function(number: str) -> str:
 
     The angles are the vectors of a frame whose slot numbers are in `slots`. An angle is reduced by the nearest
     multiple of pi/2, in three parts; the quadrant selects polynomial and sign. Vectors with an angle beyond
-    `_MAX_REDUCED_ANGLE_RAD`, inf or NaN are computed again lane by lane.
+    `_MAX_REDUCIBLE_ANGLE_RAD`, inf or NaN are computed again lane by lane.
     """
     size = 8 if number == "double" else 4
     vector = f"<{LANE_COUNT} x {number}>"
-    f = FunctionBuilder(f"void {shared_name('sines', number)}({LLVM_PARAMETERS_BY_SINE_FUNCTION['sines']})")
+    f = FunctionBuilder(f"void {shared_name('sines', number)}({LLVM_PARAMETER_LIST_BY_SINE_FUNCTION['sines']})")
     scratch = f.put(f"alloca [4 x {DOUBLE_VECTOR_TYPE}], align 64")
     f.do("%constants = load ptr, ptr @constants.address, align 8")
     with f.loop("%count") as k:
@@ -96,7 +96,7 @@ def _sines_function(number: str) -> str:
         terms = _write_reduced_sines(f, x)
         _store_terms(f, number, terms, target)
         absolute = f.put(f"call {DOUBLE_VECTOR_TYPE} @llvm.fabs.v{LANE_COUNT}f64({DOUBLE_VECTOR_TYPE} {x})")
-        inside = f.put(f"fcmp ole {DOUBLE_VECTOR_TYPE} {absolute}, {_load_constant(f, _MAX_REDUCED_ANGLE_RAD)}")
+        inside = f.put(f"fcmp ole {DOUBLE_VECTOR_TYPE} {absolute}, {_load_constant(f, _MAX_REDUCIBLE_ANGLE_RAD)}")
         bits = f.put(f"bitcast <{LANE_COUNT} x i1> {inside} to i{LANE_COUNT}")
         with f.when(f.put(f"icmp ne i{LANE_COUNT} {bits}, -1")):
             places = [f.pointer_at(scratch, 8 * LANE_COUNT * j) for j in range(4)]
@@ -126,7 +126,7 @@ def _load_constant(f: FunctionBuilder, number: float) -> str:
 
 
 def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
-    """Append the computation of sine, cosine and 1 - cosine of a vector x of angles up to `_MAX_REDUCED_ANGLE_RAD`,
+    """Append the computation of sine, cosine and 1 - cosine of a vector x of angles up to `_MAX_REDUCIBLE_ANGLE_RAD`,
     and return the names of the three vectors.
     """
     put = f.put
@@ -176,7 +176,7 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
 
 def _large_angles_function() -> str:
     """Return the LLVM code of the function `far`, which recomputes sine, cosine and 1 - cosine of the angles above
-    `_MAX_REDUCED_ANGLE_RAD`, of inf and of NaN by the C library.
+    `_MAX_REDUCIBLE_ANGLE_RAD`, of inf and of NaN by the C library.
 
     The results are stored behind the angles.
     """
@@ -185,7 +185,7 @@ def _large_angles_function() -> str:
         place = f.pointer_at("%angles", f.multiply(k, 8))
         x = f.put(f"load double, ptr {place}")
         absolute = f.put(f"call double @llvm.fabs.f64(double {x})")
-        with f.when(f.put(f"fcmp ugt double {absolute}, {hexadecimal(_MAX_REDUCED_ANGLE_RAD)}")):
+        with f.when(f.put(f"fcmp ugt double {absolute}, {hexadecimal(_MAX_REDUCIBLE_ANGLE_RAD)}")):
             sine, cosine = (f.put(f"call double @{name}(double {x})") for name in ("sin", "cos"))
             half = f.put(f"call double @sin(double {f.put(f'fmul double {x}, {hexadecimal(0.5)}')})")
             square = f.put(f"fmul double {half}, {half}")

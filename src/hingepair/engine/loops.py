@@ -120,7 +120,7 @@ class Loop:
         self, values: Mapping[str, Any], out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
         """Compute the outputs of all samples from inputs by name, and write them into the arrays of `out`, whose
-        shape is (*shape, *shape of one sample). Compiles a kernel if the backend asks for it; raises an error if that
+        shape is (*shape, *shape of one sample). May compile a kernel; the backend "compiled" raises an error if that
         fails.
 
         Args:
@@ -224,8 +224,8 @@ class Program:
     def run(
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Compute the outputs from bound inputs by NumPy, Python or a kernel, and write them into the arrays of
-        `out`. Compiles a kernel if the execution policy asks for it; raises an error if that fails.
+        """Compute the outputs from bound inputs by NumPy, Python or a kernel, as the execution policy says, and write
+        them into the arrays of `out`. May compile a kernel; the backend "compiled" raises an error if that fails.
         """
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
@@ -290,8 +290,8 @@ class Program:
         return self._kernels.get(key)
 
     def kernel_or_none(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel, compiled if necessary. If it cannot be compiled, warn once, stop the backend "auto" from
-        compiling, and return None.
+        """Return the kernel, compiled if necessary. If it cannot be compiled, warn once and return None; the backend
+        "auto" does not try again.
         """
         try:
             return self.kernel(key)
@@ -323,8 +323,8 @@ class Program:
         return kernel
 
     def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
-        """Return the LLVM IR of a kernel, as text. `widths` are the numbers of components of the output arrays, and
-        `fuse` allows fused multiply-adds.
+        """Return the LLVM IR of a kernel, as text. `uniform` says which input arrays are equal for all inner samples,
+        `widths` are the numbers of components of the output arrays, and `fuse` allows fused multiply-adds.
 
         Args:
             uniform: for each input array, whether it stays the same along the inner axis.

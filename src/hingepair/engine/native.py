@@ -26,8 +26,8 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
 
 
 class Kernel:
-    """A compiled kernel, which is compiled when the object is made. It owns the machine code: code that uses
-    `address` or `run` must keep a reference to the kernel.
+    """A compiled kernel. The constructor compiles it, and raises an error if that fails. It owns the machine code:
+    code that uses `address` or `run` must keep a reference to the kernel.
 
     Args:
         name: name of the kernel in messages.
@@ -50,7 +50,7 @@ class Kernel:
             _link_shared_functions(number)
             self._engine = _compile_module(name, ir)
         self.address: int = self._engine.get_function_address("kernel")
-        self.run: Callable[[Any, int, int], None] = _KERNEL_FUNCTION_TYPE(self.address)
+        self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address)
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
@@ -87,7 +87,9 @@ class _MethodDefinition(ctypes.Structure):
 
 
 _METH_FASTCALL_FLAG = 0x0080  # METH_FASTCALL: the arguments come as a C array
-_KERNEL_FUNCTION_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)  # of `Kernel.run`
+_KERNEL_CTYPES_FUNCTION_TYPE = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+)  # of `Kernel.run`
 _new_built_in_function: Any = ctypes.pythonapi.PyCFunction_NewEx
 _new_built_in_function.restype = ctypes.py_object
 _new_built_in_function.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
@@ -123,7 +125,7 @@ def _compile_module(name: str, ir: str) -> Any:
 
 def _link_shared_functions(number: str) -> None:
     """Register the shared functions for numbers of type "double" or "float" with LLVM, so that kernels can call them
-    by name. The first call compiles them.
+    by name. The first call compiles them; raises an error if that fails.
     """
     llvm = load_llvmlite()
     for symbol, address in _shared_functions(number, host_processor(llvm))[1].items():
@@ -132,8 +134,9 @@ def _link_shared_functions(number: str) -> None:
 
 @functools.cache
 def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share for one number type; the result is cached. Return the engine that
-    owns their machine code, and a dictionary of their addresses by symbol.
+    """Compile the functions that all kernels share for one number type, and record that for the estimates of compile
+    time; the result is cached. Return the engine that owns their machine code, and a dictionary of their addresses by
+    symbol.
     """
     engine = _compile_module("shared functions", shared_ir(number))
     mark_shared_code_compiled()
@@ -153,8 +156,8 @@ def _call_method_definition() -> _MethodDefinition:
 
 @functools.cache
 def load_llvmlite() -> Any:
-    """Return the module `llvmlite.binding`, imported and initialised for this machine at the first call. Raises an
-    error if that is not possible.
+    """Return the module `llvmlite.binding`. The first call imports and initialises it, and registers functions of
+    Python and of the C library with LLVM. Raises an error if llvmlite is missing or does not start.
 
     Raises:
         MissingDependencyError: llvmlite is not installed, or its initialisation fails.

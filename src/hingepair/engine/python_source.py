@@ -88,7 +88,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
 
     def library_or_float(function: str) -> Callable[..., Any]:
         """Return a function that calls the library's function of this NumPy name for arrays, and NumPy's function for
-        numbers.
+        numbers; the latter returns a float.
         """
         numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[function]
         arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(function, function))

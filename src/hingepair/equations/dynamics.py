@@ -36,8 +36,8 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return m (a_c - g), the total force on a body without gravity (D1). The centre of mass is at r from the point
-    with the acceleration a, and `g` is the acceleration of gravity.
+    """Return m (a_c - g), the sum of all forces on a body except gravity (D1). The centre of mass is at r from the
+    point with the acceleration a, and `g` is the acceleration of gravity.
     """
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
@@ -92,9 +92,9 @@ PairInertia: TypeAlias = tuple[Matrix, Vector, Scalar]
 def pair_inertia(
     J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
 ) -> PairInertia:
-    """Return the inertia of a pair about a point as a tuple: the matrix for alpha1, the vector that couples alpha1
-    and psi'', and the number for psi''. It is that of J, J2 and a mass at `lever`, which psi' = 1 moves with
-    partial_velocity.
+    """Return the inertia of a pair about a point as a tuple: the 3 x 3 matrix for alpha1, the vector that couples
+    alpha1 and psi'', and the number for psi''. To the inertias J and J2 it adds a point mass at `lever`, whose
+    velocity for psi' = 1 is partial_velocity.
 
     About R1, the mass is body 2's mass at e, and J includes body 1's mass at r1. About the common centre, where no
     term cancels, the mass is the reduced mass m1 m2 / (m1 + m2) at e - r1.

@@ -430,7 +430,7 @@ def sum_inward(
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
     """Return a list with the component of each joint's wrench along the joint axis: a torque for hinges, a force for
-    sliders (T3). The wrench of the base is skipped.
+    sliders (T3). The first of the wrenches, that of the base, is skipped.
     """
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
@@ -619,8 +619,8 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 def eliminate_joint(
     is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[JointElimination, SpatialInertia]:
-    """Return the elimination of a joint, and the spatial inertia of its body that the parent still feels (T5, T10).
-    `inertia` is that of the articulated body, and `reciprocal` is the function that computes 1 / D.
+    """Return the elimination of a joint, and the articulated inertia that is left of its body for the parent (T5,
+    T10). `inertia` is the body's articulated inertia, and `reciprocal` is the function that computes 1 / D.
     """
     J, H, M = inertia
     if is_slider:
@@ -667,8 +667,8 @@ def eliminate_joint(
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
-    """Return I / D: the share of an acceleration along the joint axis that the body resists because of the rotor
-    (T10).
+    """Return I / D = armature * share: the part of the inertia along the joint axis that remains because the motor's
+    rotor resists (T10). It is exactly 0 if the armature is known to be 0.
     """
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
@@ -697,8 +697,8 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return a list of q'' that the loads of the joints cause while each parent is at rest, and the wrench on the
-    base in base axes (T6). `eliminations` is the list of `eliminate_joints`.
+    """Return a list of the q'' that the loads cause at each joint while its parent is at rest, and the wrench on the
+    base in base axes (T6). `eliminations` is the list that `eliminate_joints` returns.
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)

@@ -28,15 +28,15 @@ from hingepair.plans.steps import (
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_STEPS,
     COORDINATE_NAMES,
-    COORDINATE_PART_NAMES,
     COORDINATE_SPLIT_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
     JACOBIAN_AND_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
+    PART_NAMES_BY_COORDINATE_ARRAY,
     PLANAR_COORDINATE_NAMES,
-    PLANAR_COORDINATE_PART_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_KINEMATICS_STEPS,
+    PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     SENSITIVITY_STEPS,
     Step,
     coordinate_jacobian_steps,
@@ -84,8 +84,8 @@ _SHAPE_BY_QUANTITY_NAME: Final[dict[str, Tail]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
-    """A kind of motion of a pair, in space or in a plane: names of its coordinates, shapes of its quantities, and
-    levels of its outputs.
+    """A kind of motion of a pair, in space or in a plane: names of its coordinates and of their parts, shapes of its
+    quantities, and the level at which each output is a default output.
 
     Attributes:
         coordinates: what the components of q are called.
@@ -109,14 +109,14 @@ _LEVEL_BY_BODY2_OUTPUT_NAME = {
 }
 SPATIAL_MOTION: Final = MotionKind(
     COORDINATE_NAMES,
-    COORDINATE_PART_NAMES,
+    PART_NAMES_BY_COORDINATE_ARRAY,
     _SHAPE_BY_QUANTITY_NAME,
     {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
 PLANAR_MOTION: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
-    PLANAR_COORDINATE_PART_NAMES,
+    PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     {
         **_SHAPE_BY_QUANTITY_NAME,
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
@@ -138,7 +138,8 @@ _COMPONENT_NAMES_BY_STEP_RESULT = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps, in order, that compute the outputs of a pair from inputs, with the names of both.
+    """The steps that compute outputs of a pair from inputs, in order, with the names of the outputs and of the inputs
+    that are needed.
 
     Attributes:
         outputs: names, in the order asked for.
@@ -175,8 +176,9 @@ def make_plan(
     kind: MotionKind = SPATIAL_MOTION,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
-    """Return the cached plan that computes the named outputs of a pair. Equal steps give the identical plan object.
-    `given_names` are the inputs beside the pair's constants.
+    """Return the cached plan that computes the named outputs of a pair; equal steps give the identical plan object.
+    `sequence` is None if S1 is given, `has_home` says that C is not the identity, and `given_names` are the inputs
+    beside the pair's constants.
 
     Args:
         outputs: names of the outputs.

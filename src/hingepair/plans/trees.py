@@ -34,18 +34,18 @@ from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
 Tail: TypeAlias = tuple[int, ...]
 
 # Shapes of the constants of the base.
-BASE_CONSTANT_SHAPES: Final = {"mass": (), "first": (3,), "second": (6,)}
+SHAPE_BY_BASE_CONSTANT: Final = {"mass": (), "first": (3,), "second": (6,)}
 # Shapes of the constants of each joint.
-JOINT_CONSTANT_SHAPES: Final = {
+SHAPE_BY_JOINT_CONSTANT: Final = {
     "S": (9,),
     "u": (3,),
-    **BASE_CONSTANT_SHAPES,
+    **SHAPE_BY_BASE_CONSTANT,
     "armature": (),
     "multiplier": (),
     "offset": (),
     "smallest": (),
 }
-FRAME_CONSTANT_SHAPES: Final = {"R": (3,), "S": (9,)}
+SHAPE_BY_FRAME_CONSTANT: Final = {"R": (3,), "S": (9,)}
 """The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
 
 
@@ -118,7 +118,8 @@ def velocity_count(form: Form, request: Request) -> int:
 
 
 class Computation:
-    """The quantities of a robot for one set of values. Each quantity is computed at first access and cached.
+    """The quantities of a robot for one set of values. Quantities that several outputs need are properties, computed
+    at first access and cached.
 
     Args:
         form: the robot's build.
@@ -132,15 +133,15 @@ class Computation:
         numbers = iter(values["constants"])
         complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
         parts = iter(complete)
-        self.base = eq.Base(**_take_numbers(parts, BASE_CONSTANT_SHAPES))
-        own = [_take_numbers(parts, JOINT_CONSTANT_SHAPES) for _ in form.parents]
+        self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT))
+        own = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in own]
         self.smallest = [joint.pop("smallest") for joint in own]
         self.links = [
             eq.Link(parent, slides, **joint)
             for parent, slides, joint in zip(form.parents, form.slides, own, strict=True)
         ]
-        self.frames = [(body, _take_numbers(parts, FRAME_CONSTANT_SHAPES)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT)) for body in request.frames]
 
     # ---- coordinates of joints, and what acts along them
 
@@ -217,11 +218,11 @@ class Computation:
         """The accelerations (a1, alpha1) of the base; a1 is 0 where no output needs it."""
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
-    def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
-        """Return a list of (a, alpha) of all bodies, world axes, the base first, for the given q'' and accelerations
-        of the base.
+    def _changes(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
+        """Return a list of (a, alpha) of all bodies, world axes, the base first, for the given q'' and (a, alpha) of
+        the base. Names the components in generated code.
         """
-        found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
+        found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base_acceleration)
         return self._name_components(found, ("a", "alpha"))
 
     @functools.cached_property
@@ -298,8 +299,8 @@ class Computation:
         with_loads: bool = True,
     ) -> list[eq.Wrench]:
         """Return a list of the wrenches that the joints transmit, in the axes of their bodies, the total wrench on
-        the base first (T1-T3). omega, alpha and a - g (`a`) are those of the base, in base axes. Names the components
-        in generated code.
+        the base first (T1-T3). omega, alpha and a are those of the base in base axes; a is its acceleration less
+        gravity. Names the components in generated code.
 
         If `with_loads` is False, the wrenches that act on links are left out.
         """
@@ -348,8 +349,9 @@ class Computation:
         return rotate(self.values["S1"], self.transmitted_wrenches[0][kind])
 
     def bias_forces(self, with_rates: bool) -> tuple[Scalar, ...]:
-        """Return a tuple of the forces at zero second derivatives, by coordinate; for a free base, force1 and torque1
-        come first. If `with_rates` is False, all rates are taken as zero, which leaves the forces of gravity.
+        """Return a tuple of the forces for q'' = 0, by coordinate; a free base has no acceleration, and its force1
+        and torque1 come first. If `with_rates` is False, the base and the joints are taken to be at rest, which
+        leaves the forces of gravity.
         """
         values, still = self.values, ZERO_VECTOR
         if self.request.free:
@@ -459,8 +461,8 @@ class Computation:
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
     ) -> tuple[tuple[Scalar, ...], ...]:
-        """Return the tuples (a + gravity, alpha, q''). All are NaN where a pivot of M is not larger than its rounding
-        error.
+        """Add gravity to the acceleration a of the base, and return the tuples (a + gravity, alpha, q''). All are NaN
+        where a pivot of M is not larger than its rounding error.
         """
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
@@ -570,8 +572,8 @@ class Computation:
         return add(L, cross(offset, P))
 
     def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code, such as omega_JOINT, and return the list of
-        values unchanged.
+        """Name the components of every body's values in generated code, and return the list of values unchanged. Each
+        of `letters` names one part of a body's values, such as omega in omega_JOINT.
         """
         for name, parts in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, parts, strict=False):

@@ -20,8 +20,8 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
     COLUMN_NAMES_BY_COORDINATE_NAMES,
     COORDINATE_NAMES,
-    COORDINATE_PART_NAMES,
     COORDINATE_SPLIT_STEPS,
+    PART_NAMES_BY_COORDINATE_ARRAY,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
 )
@@ -107,7 +107,7 @@ class MotionByCoordinates:
 
     def constant_names(self) -> frozenset[str]:
         """Return the names of the coordinates, and of plan inputs made of them, that are equal at all instants."""
-        derivative_by_part = dict(zip(COORDINATE_PART_NAMES, self.derivatives, strict=False))
+        derivative_by_part = dict(zip(PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
             if name in derivative_by_part:
