@@ -15,7 +15,7 @@ from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
-DIFFERENCE_ORDERS = (2, 4, 6, 8)  # of the error of numerical derivatives
+ANGULAR_VELOCITY_ERROR_ORDERS = (2, 4, 6, 8)  # in the time step
 
 
 @overload
@@ -25,7 +25,9 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity of a moving attitude (E3); with_defect returns it with the error of S_dot.
+    """Return the angular velocity omega (..., 3), in world axes, of a rotation S with time derivative S_dot (E3).
+    With `with_defect`, return (omega, defect): the defect says how far S_dot is from the derivative of a rotation.
+    Raise RotationError where S is not a rotation.
 
     The angular velocity omega is the vector of [omega]x = S' S^T, where ' is the time derivative.
 
@@ -57,7 +59,9 @@ def angular_velocity(
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
     def omega_and_defect(values: Named) -> Named:
-        """Return omega from S and S', and on request the largest element of the symmetric part of S' S^T, by name."""
+        """Return a dict of "omega", the components of the angular velocity, and, if `with_defect`, "defect", the
+        largest element of the symmetric part of S' S^T.
+        """
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         results: Named = {"omega": eq.unskew(W)}
         if with_defect:
@@ -80,7 +84,9 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return omega at each sample of an attitude (E3); with_alpha returns the pair (omega, alpha).
+    """Return the angular velocity omega (..., N, 3), in world axes, at each of N samples of a rotation, by
+    differences of error `order` (E3). With `with_alpha`, return (omega, alpha) with the angular acceleration. Raise
+    ArgumentError where samples turn too far.
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta for each neighbour k. There theta is
     0, so that omega = theta' and alpha = theta'' exactly; these are the derivatives of a polynomial of degree
@@ -119,8 +125,8 @@ def angular_velocity_from_samples(
     >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
-    if isinstance(order, bool) or order not in DIFFERENCE_ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, DIFFERENCE_ORDERS))}", quoted(order))
+    if isinstance(order, bool) or order not in ANGULAR_VELOCITY_ERROR_ORDERS:
+        raise ArgumentError("order", f"one of {', '.join(map(str, ANGULAR_VELOCITY_ERROR_ORDERS))}", quoted(order))
     instants, attitude = real_array("t", t), vectors("S", S, 3, 3)
     dtype = result_dtype((instants, attitude))
     time = check_instants("t", instants, order)
@@ -133,7 +139,9 @@ def angular_velocity_from_samples(
 
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return [omega] or, if count is 2, [omega, alpha] at each sample; raise an error if neighbours turn too far."""
+    """Return a list of the first `count` time derivatives at each sample: [omega], or [omega, alpha] if `count` is
+    2. Raise ArgumentError where neighbouring samples turn by pi or more.
+    """
     turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):
@@ -157,7 +165,9 @@ def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
 
 
 def _turned_angles(S: Float64Array) -> Float64Array:
-    """Return for each sample the sum of the angles of all steps before it [rad]; NaN steps count as 0."""
+    """Return for each sample the sum of the angles of all steps before it [rad], (..., N). Steps that are NaN
+    count as 0.
+    """
     angles = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
         steps = _rotation_between(S[..., :-1, :, :], S[..., 1:, :, :])
@@ -166,7 +176,9 @@ def _turned_angles(S: Float64Array) -> Float64Array:
 
 
 def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
-    """Raise an error where the angle to the farthest neighbour used is pi or more: it would be ambiguous."""
+    """Raise ArgumentError where the angle from a sample to its farthest neighbour used is pi or more, since its
+    rotation vector is ambiguous then. `sample_indices` are the samples' numbers for the message.
+    """
     bad = np.argwhere(angles >= np.pi)
     if bad.size:
         expected = (

@@ -25,21 +25,24 @@ from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
-_LOCK_LIMIT_BY_ITEMSIZE = {4: 5e-4, 8: 1e-12}  # abs(cos phi_y) below which angles are lost, by bytes of a number
+# abs(cos phi_y) below which angles are lost, by the bytes of a number.
+_GIMBAL_LOCK_COSINE_BY_ITEMSIZE = {4: 5e-4, 8: 1e-12}
 
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
-    """Return the abs(cos phi_y), in proper sequences abs(sin phi_y), below which is gimbal lock; by dtype.
+    """Return the limit of abs(cos phi_y), or of abs(sin phi_y) for proper sequences such as XYX, below which angles
+    are taken to be at gimbal lock. It depends on the dtype of the array.
 
-    There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
+    Below it, the rounding of the angles, or of the matrix, leaves fewer than four correct digits of the rates.
     """
-    return _LOCK_LIMIT_BY_ITEMSIZE[result_dtype((array,)).itemsize]
+    return _GIMBAL_LOCK_COSINE_BY_ITEMSIZE[result_dtype((array,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the rotation matrices of Euler angles (E10), to 6 u (u = 2^-53) in every component.
+    """Return the rotation matrices (..., 3, 3) of Euler angles in one of 24 sequences (E10), with an error of at most
+    6 u (u = 2^-53) in every component. Raise ArgumentError for unusable angles or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -70,7 +73,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles of rotation matrices (E10); with_lock returns (angles, where gimbal lock is).
+    """Return the Euler angles (..., 3) of rotation matrices in one of 24 sequences (E10). With `with_lock`, return
+    (angles, locked), where locked is True at gimbal lock. Raise RotationError where S is not a rotation.
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis is also the last, as in XYX;
     the others in [-pi, pi].
@@ -102,7 +106,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles_and_lock(values: Named) -> Named:
-        """Return the Euler angles phi of S, and the sine or cosine that is 0 at gimbal lock, by name."""
+        """Return a dict of "phi", the Euler angles of S, and "lock", the sine or cosine of the middle angle that
+        is 0 at gimbal lock.
+        """
         S_entries = values["S"]
         canonical = nine(S_entries[3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
@@ -117,7 +123,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J of omega = J phi' (E4), omega in world axes.
+    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences (E4). Omega is in
+    world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -140,7 +147,8 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
-    """Return for all Euler angles phi the 3 x 3 matrix that `matrix_of_trig` makes of their sines and cosines.
+    """Return an array (..., 3, 3) of the matrices that `matrix_of_trig` computes for Euler angles phi. Its arguments
+    are the sequence, and the sines and cosines of the three canonical angles.
 
     Its arguments are the sequence, and (sin, cos) of the three canonical angles.
     """
@@ -153,7 +161,8 @@ def _matrices_of_angles(
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Return the Euler-angle rates phi' = J^-1 omega (E4); at gimbal lock raise an error unless at_lock says else.
+    """Return the Euler-angle rates phi' = J^-1 omega (..., 3) [rad/s] (E4). At gimbal lock, raise GimbalLockError, or
+    return least-squares rates if `at_lock` is "least_squares".
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -202,7 +211,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates J^-1 omega of the canonical angles of a sequence; trig: their sines and cosines (E4)."""
+    """Return the rates J^-1 omega of the three canonical angles of a sequence (E4). `trig` holds the sines and
+    cosines of these angles. The rates are not finite at gimbal lock.
+    """
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
     if sequence.sign < 0:
@@ -213,7 +224,8 @@ def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector
 
 
 def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Return the three canonical angles of a rotation S = Sx Sy Sz, or Sx Sy Sx for proper sequences.
+    """Return the three canonical angles [rad] of a rotation S, given as nine entries: those of S = Sx Sy Sz, or of S
+    = Sx Sy Sx for proper sequences.
 
     The second and third angle are read after the first has been turned back out of S.
 
@@ -231,7 +243,8 @@ def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """Matrices J, J^-1 and J' of omega = J phi' (E4), the condition number of J, and how near gimbal lock is.
+    """The matrices J, J^-1 and J' of omega = J phi' for Euler angles phi (E4), the condition number of J, and the
+    angular distance from gimbal lock.
 
     With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
 
@@ -252,7 +265,8 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the `EulerKinematics` of Euler angles (E4): J, J^-1, how near gimbal lock is, and with phid J'.
+    """Return the `EulerKinematics` of Euler angles phi (E4): J, J^-1, the condition number of J and the distance from
+    gimbal lock. If the rates phid are given, J' is included.
 
     The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
     sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).
@@ -294,7 +308,9 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return J, J^-1, J', the condition number and the distance from gimbal lock [rad] by name."""
+        """Return a dict of J, J^-1, the condition number and the distance from gimbal lock [rad], and of J' if
+        there are rates. J^-1 is NaN at gimbal lock.
+        """
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
         results: Named = {"J": matrix_from_columns(*order.columns(axes))}

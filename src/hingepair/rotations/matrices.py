@@ -21,7 +21,8 @@ ROTATION_TOLERANCE_BY_ITEMSIZE = {4: 1e-5, 8: 1e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
-    """Return the cross-product matrix [w]x, for which [w]x @ u is w x u.
+    """Return the cross-product matrices [w]x, shape (..., 3, 3), of vectors w: [w]x @ u is the cross product of w and
+    u.
 
     Args:
         w: vectors; shape (..., 3).
@@ -44,7 +45,8 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return w from its cross-product matrix [w]x; raise an error unless the matrix is antisymmetric.
+    """Return the vectors w (..., 3) of cross-product matrices [w]x. Raise ArgumentError where a matrix is not
+    antisymmetric.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).
@@ -72,7 +74,8 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation matrix by an angle about an axis (E6), as of body 2 against body 1 about the hinge.
+    """Return the rotation matrix by the angle psi about the axis n, shape (..., 3, 3) (E6), such as that of body 2
+    relative to body 1 about the hinge axis. The axis is normalised; raise AxisError where it is zero or not finite.
 
     Args:
         n: axis, body-1 axes; shape (..., 3); any non-zero length.
@@ -98,7 +101,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation matrix of a rotation vector, axis times angle (E6).
+    """Return the rotation matrices (..., 3, 3) of rotation vectors, which are axis times angle [rad] (E6).
 
     Every component is right to 6 u (u = 2^-53), up to an angle of 1e15.
 
@@ -120,7 +123,9 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
-        """Return the rotation matrix of a rotation vector (E6), corrected for the rounding of axis and angle."""
+        """Return the nine entries of the rotation matrix of a rotation vector (E6), corrected for the rounding of
+        axis and angle.
+        """
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)
@@ -136,7 +141,9 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
-    """Return the matrix to add to E6 for what the axis n and trig = (sin, 1 - cos) lost by rounding."""
+    """Return nine entries to add to the rotation matrix (E6): the part that was lost by rounding the axis n and
+    `trig` = (sin, 1 - cos). `twofold_axis` and `trig_low` hold the low-order parts of both.
+    """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
     a, b, c = (unit.low for unit in twofold_axis)
@@ -149,7 +156,8 @@ def _rounding_correction(
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """Return the rotation vector of a rotation matrix, axis times angle, the angle in [0, pi] (E6 solved).
+    """Return the rotation vectors (..., 3) of rotation matrices: axis times angle [rad], with the angle in [0, pi]
+    (inverse of E6). Raise RotationError where S is not a rotation.
 
     The error is at most 6 u (u = 2^-53) times the angle: to this, `rotation_log(rotation_exp(rotvec))` is rotvec.
 
@@ -173,7 +181,9 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors of rotation matrices, which are not checked to be rotations."""
+    """Return the rotation vectors (..., 3) [rad] of matrices (..., 3, 3). Whether the matrices are rotations is
+    not checked.
+    """
     quat = _scaled_quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
@@ -194,7 +204,8 @@ def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (w, x, y, z) of rotation matrices, w >= 0, of a length between 2 and 4.
+    """Return quaternions (w, x, y, z) of rotation matrices, shape (..., 4), with w >= 0. Each has a length between 2
+    and 4, not 1.
 
     Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
     element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
@@ -215,9 +226,8 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
-    """Return the rotation matrices of quaternions of any length; raise an error that names `name` if one is 0.
-
-    The matrix is NaN where a quaternion is not finite.
+    """Return the rotation matrices (..., 3, 3) of quaternions of any length; NaN where a quaternion is not finite.
+    Raise RotationError, which names the argument `name`, where a quaternion is zero.
 
     Raises:
         RotationError: a quaternion is zero.
@@ -236,7 +246,8 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """Return the rotation nearest to a matrix (its orthogonal polar factor); raise an error for a reflection.
+    """Return the rotation matrices nearest to matrices (their orthogonal polar factors); NaN where a matrix is not
+    finite. Raise RotationError where a determinant is not positive.
 
     The error is at most 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else it grows with the largest
     singular value over the sum of the two smallest.
@@ -274,9 +285,10 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
 
 
 def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation S, nearly the nearest to M, turned so that S^T M is symmetric: one Newton step.
+    """Return the rotation nearest to M, refined by one Newton step from the approximation S: the step makes S^T M
+    symmetric.
 
-    This mends the rounding of the singular value decomposition (SVD).
+    This corrects the rounding of the singular value decomposition (SVD).
     """
     A = np.swapaxes(S, -1, -2) @ M
     w = np.stack([A[..., k, j] - A[..., j, k] for _, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=-1)
@@ -286,12 +298,11 @@ def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> 
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:
-    """Raise an error, which names `name`, if a finite matrix is no rotation within the tolerance of its dtype.
-
-    Matrices that are not finite pass.
+    """Raise RotationError, which names the argument `name`, where a matrix is not a rotation within the tolerance of
+    its dtype. Matrices that are not finite pass.
 
     Raises:
-        RotationError: names the argument, and project_to_rotation.
+        RotationError: names the argument, and recommends project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
     tolerance = 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize]
@@ -316,7 +327,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _rotation_errors(values: Named) -> Named:
-    """Return by name the largest element of S S^T - I ("error") and the determinant ("volume")."""
+    """Return a dict of "error", the largest absolute element of S S^T - I, and "volume", the determinant of S."""
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

@@ -23,7 +23,8 @@ SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRIN
 
 
 class Sequence(NamedTuple):
-    """An Euler sequence, as the canonical sequence Sx Sy Sz or Sx Sy Sx with its axes and angles renamed.
+    """An Euler sequence, described as the canonical sequence Sx Sy Sz or Sx Sy Sx with its axes renamed and its
+    angles reordered or negated.
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
@@ -35,7 +36,9 @@ class Sequence(NamedTuple):
     sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
-        """Convert angles or rates from the order of the letters to the canonical order and sign, or back."""
+        """Return three angles, or rates of angles, converted from the order of the sequence's letters to the
+        canonical order and sign. The same call converts them back.
+        """
         x, y, z = phi
         if self.backward:
             x, z = z, x
@@ -79,7 +82,7 @@ class Sequence(NamedTuple):
 
 
 def find_sequence(name: str) -> Sequence:
-    """Return the Euler sequence of this name, such as "XYZ"; raise an error if there is none.
+    """Return the Sequence of a name such as "XYZ" or "zyx". Raise ArgumentError where there is none of this name.
 
     Raises:
         ArgumentError: no such sequence.
@@ -94,7 +97,9 @@ def find_sequence(name: str) -> Sequence:
 
 @functools.cache
 def _cached_sequence(name: str) -> Sequence:
-    """Return the Euler sequence of a name such as XYZ (intrinsic) or xyz (extrinsic); check the name; cached."""
+    """Return the Sequence of a name such as XYZ (intrinsic) or xyz (extrinsic) and cache it. Raise ArgumentError
+    for an unknown name.
+    """
     check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]
