@@ -166,7 +166,7 @@ NAMED_FOR_CONTRIBUTORS = {
     "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
     "plans/plan.py": ("_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION"),
     "pair/states.py": ("PairState",),
-    "scenes/explain.py": ("_STEP_DESCRIPTIONS",),
+    "scenes/explain.py": ("_DESCRIPTION_BY_STEP_NAME",),
     "equations/trees.py": ("slides",),
     "plans/trees.py": ("Form", "placements"),
     "mechanism/tree.py": ("Joint",),

@@ -120,7 +120,7 @@ def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.Mo
         monkeypatch.setenv("COLUMNS", str(width))
         monkeypatch.setenv("FORCE_COLOR", "1")
     scene = hp.load_scene(tmp_path / "my.toml")
-    for command, arrays in (("run", scene.evaluate().chosen()), ("forces", scene.forces().recorded())):
+    for command, arrays in (("run", scene.evaluate().requested_arrays()), ("forces", scene.forces().recorded())):
         text = invoke(command, tmp_path / "my.toml")
         shown: dict[str, list[float]] = {name: [] for name in column_names(arrays)}
         for line in text.splitlines():

@@ -64,7 +64,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     axis = found.S1 @ scene.pair.n
     np.testing.assert_allclose((forces.bearing_torque * axis).sum(-1), 0, rtol=0, atol=1e-12)
     assert scene.cross_validate().ok
-    assert "base free" in scene.motion.turning_description
+    assert "base free" in scene.motion.motion_description
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_a_scene_has_energy_and_momentum():
         _ = result.powers
     with pytest.raises(hp.ArgumentError, match="second derivatives"):
         scene.evaluate(("R2",)).energy()
-    assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.turning_description
+    assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.motion_description
 
 
 @pytest.mark.slow

@@ -193,7 +193,7 @@ inertia = [0.2, 0.2, 0.1]
     result = scene.evaluate(("R", "S_teeth"))
     expected = robot.forward_kinematics(q, frames=("wrist", "teeth"))
     assert np.abs(result.R - expected.R).max() < 1e-14
-    assert list(result.chosen()) == ["R_wrist", "R_teeth", "S_teeth"]
+    assert list(result.requested_arrays()) == ["R_wrist", "R_teeth", "S_teeth"]
     gravity = (0, -1.62 * np.sin(0.1), -1.62 * np.cos(0.1))
     tau = robot.inverse_dynamics(q, qd, qdd, gravity=gravity).tau
     assert np.abs(scene.forces().tau - tau).max() <= 1e-13 * np.abs(tau).max()
@@ -322,17 +322,17 @@ def test_units_go_with_every_column(tmp_path: Path) -> None:
 def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD + "[outputs]\nnames = ['R_boom', 'tau']\n")
     result = scene.evaluate()
-    assert list(result.chosen()) == ["R_boom", "tau_boom", "tau_stick", "tau_ram"]
+    assert list(result.requested_arrays()) == ["R_boom", "tau_boom", "tau_stick", "tau_ram"]
     assert result.force1 is None
     assert result.v is None
-    of_one = scene.evaluate(("tau_stick",)).chosen()
+    of_one = scene.evaluate(("tau_stick",)).requested_arrays()
     assert list(of_one) == ["tau_stick"]
-    np.testing.assert_array_equal(of_one["tau_stick"], result.chosen()["tau_stick"])
+    np.testing.assert_array_equal(of_one["tau_stick"], result.requested_arrays()["tau_stick"])
     with pytest.raises(hp.ArgumentError, match="nearest: tau_stick"):
         scene.evaluate(("tau_stik",))
     assert {"R", "tau", "q"} <= {*dir(result)}
     assert "v" not in dir(result)
-    assert list(scene.evaluate().chosen()) != list(scene.evaluate(("boom",)).chosen())
+    assert list(scene.evaluate().requested_arrays()) != list(scene.evaluate(("boom",)).requested_arrays())
     np.testing.assert_array_equal(scene.sampled(5, ("q",)).t, scene.t[::10])
 
 
@@ -472,7 +472,7 @@ def test_ignored_columns_of_a_log_are_not_read(tmp_path: Path) -> None:
 def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t,boom\n0,0\n1,1\n2,1\n")
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
-    assert list(scene.evaluate().chosen()) == ["R_ram", "S_ram", "boom"]
+    assert list(scene.evaluate().requested_arrays()) == ["R_ram", "S_ram", "boom"]
     with pytest.raises(
         hp.ArgumentError, match=r"outputs: expected one of R, S, quat, d, q; .*differentiate.*got 'v'"
     ):

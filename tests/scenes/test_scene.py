@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.scene import Scene, load_pair
-from hingepair.scenes.waypoints import PROFILE_NAMES, interpolate_way_points
+from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES, interpolate_way_points
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -388,7 +388,7 @@ def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
 
 
-@pytest.mark.parametrize("profile", PROFILE_NAMES)
+@pytest.mark.parametrize("profile", WAY_POINT_PROFILE_NAMES)
 def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: Path, profile: str) -> None:
     text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
     text = text.replace("samples = 21", "samples = 2001")

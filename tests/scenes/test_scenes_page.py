@@ -16,7 +16,7 @@ from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHAN
 from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_NAMES
 from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
 from hingepair.scenes.simulated_motion import SPATIAL_DYNAMICS_KEYS
-from hingepair.scenes.waypoints import PROFILE_NAMES
+from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES
 from hingepair.symbolic.expressions import FUNCTION_CALL_BY_NAME, NAMED_CONSTANTS
 from support.sparse import sparse
 
@@ -88,7 +88,7 @@ def test_there_are_examples_of_every_kind():
 WORDS = (
     *FUNCTION_CALL_BY_NAME,
     *NAMED_CONSTANTS,
-    *PROFILE_NAMES,
+    *WAY_POINT_PROFILE_NAMES,
     *SPATIAL_PAIR_TABLE_KEYS,
     *COLUMNS_BY_LOG_ARRAY,
     *SPATIAL_DYNAMICS_KEYS,

@@ -25,7 +25,7 @@ from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
-from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES, Scene
+from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES, Scene
 
 _DEFAULT_SNAP_ANGLE_RAD: Final = 1e-6
 """Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
@@ -145,7 +145,7 @@ def _derive_pair(
         else derive_any_motion(scene_file, symbols)
     )
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
-    chosen = tuple(name for name in scene_outputs or () if name not in ADDITIONAL_SCENE_OUTPUT_NAMES)
+    chosen = tuple(name for name in scene_outputs or () if name not in COORDINATE_AND_QUATERNION_OUTPUT_NAMES)
     default_names = (
         default_outputs(ACCELERATION, PLANAR_MOTION) if forms.kind is PLANAR_MOTION else DEFAULT_DERIVED_OUTPUTS
     )

@@ -21,7 +21,7 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
-from hingepair.scenes.scene import ADDITIONAL_SCENE_OUTPUT_NAMES
+from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES
 
 Piece = TypeVar("Piece")
 
@@ -40,7 +40,7 @@ OutputsOption = Annotated[
         metavar="NAMES",
         help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION.levels)}; of a planar pair: "
         f"{', '.join(PLANAR_MOTION.levels)}; coordinates and, unless planar, quaternions: "
-        f"{', '.join(ADDITIONAL_SCENE_OUTPUT_NAMES)}.",
+        f"{', '.join(COORDINATE_AND_QUATERNION_OUTPUT_NAMES)}.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]

@@ -304,7 +304,7 @@ def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
     if scene.title:
         screen.print(printable(scene.title), style="bold")
     if isinstance(scene, Scene):
-        pair, origin = scene.pair, scene.motion.turning_description
+        pair, origin = scene.pair, scene.motion.motion_description
         keys = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
         vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in keys)
         screen.print(f"{printable(pair.name)}: {vectors}")

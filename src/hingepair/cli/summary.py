@@ -58,7 +58,7 @@ class RunSummary:
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
         """Add one piece of the result to the summary; pieces come in order."""
-        arrays = part.chosen()
+        arrays = part.requested_arrays()
         self._names = column_names(arrays)
         if isinstance(self._scene, MechanismScene):
             coincident = _coincident_frames(arrays, self._scene.frames)

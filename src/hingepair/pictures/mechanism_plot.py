@@ -56,7 +56,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
     collector = CurveCollector()
     if outputs is not None:
         for part in scene.blocks(outputs):
-            collector.add_piece(part.t, scene.samples, part.chosen())
+            collector.add_piece(part.t, scene.samples, part.requested_arrays())
         figure_type = figure_class()
         figure = draw_side_by_side(
             figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)

@@ -106,7 +106,7 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return the samples of a piece of a scene's result."""
-    arrays, bodies = piece.chosen(), piece.known.body_arrays(scene.pair)
+    arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
     return ShownMotion(scene.space, scene.title, scene.samples, piece.t, bodies, piece.known.psi, outputs_by_name)
 

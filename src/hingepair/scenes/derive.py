@@ -30,32 +30,40 @@ def derive(
     symbolic: Iterable[str] = (),
     frame: str | None = None,
 ) -> Derivation | FrameForms:
-    r"""Return closed forms (E1-E11) of a scene's motion or a pair's: a Derivation; of a robot's frame: FrameForms.
+    r"""Return closed forms as SymPy expressions: a Derivation with the equations E1-E11 of a scene's motion or of a
+    pair, or the FrameForms of a robot's frame. Raise an ArgumentError for arguments that cannot be used.
 
-    Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
-    of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: what
-    a scene writes as an expression, also in its pair, stays that expression; a float is the number that its shortest
-    decimal form writes (0.1 is 1/10), and an axis whose squared components are rational numbers with denominators up
-    to 1000 is that axis: (1, 1, 0) gives sqrt(2)/2. Products of sines and cosines become sums where that is no
-    longer. Text, LaTeX and Python have a constant exactly unless its 17 digits are shorter.
+    The coordinates of a bare HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
+    phi_z(t), and psi(t). Those of a PlanarPair are x(t), y(t), phi(t), psi(t). A Scene has the expressions of its
+    file; a coordinate that goes through way points stays a function of t.
 
-    Of a robot, whose base rests at the origin, these are position R and attitude S of a frame, its Jacobian, v and
-    omega. Joints whose axes are parallel make sums of angles, c_23 = cos(q_2 + q_3), and sums that come again are
-    named k_1, k_2. A robot whose URDF has right angles to a few digits is best loaded with snap=1e-6.
+    Numbers are exact. An expression in a scene file, also in its table [pair], stays that expression. A float becomes
+    the number that its shortest decimal form shows: 0.1 becomes 1/10. An axis is recognised as exact if the squares
+    of its components are rational numbers with denominators up to 1000: (1, 1, 0) gives components sqrt(2)/2.
+    Products of sines and cosines become sums where the sum is not longer. The written forms (text, LaTeX, Python)
+    show a constant as an exact expression unless its 17 digits are shorter.
+
+    A robot's base rests at the origin. Joints with parallel axes give sums of angles such as c_23 = cos(q_2 + q_3).
+    Sums that occur several times are named k_1, k_2. If a URDF file has right angles that are rounded to a few
+    digits, load the robot with snap=1e-6.
 
     Args:
-        scene_or_pair: a Scene, a HingePair, a PlanarPair or a Mechanism with a fixed base.
-        symbolic: what stays a letter: of u1, u2 and n (u1_x, u1_y, u1_z and so on; n is taken to have length 1), and
-            of a scene's constants. Of a robot: u, points of its joints (u_3x of the third, in the axes of the body
-            that carries it) and the frame's origin p.
-        frame: name of a robot's link, joint or other frame; that of the last link unless given.
+        scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
+        symbolic: names of constants that stay symbols; none by default. For a pair: "u1", "u2" and "n" (symbols u1_x,
+            u1_y, u1_z and so on; n is taken to have length 1). For a scene: these, and the names of its constants.
+            For a robot, only "u": the points of its joints (u_3x is the first component of the third joint's point,
+            in the axes of the body that carries the joint) and the origin of the frame (p_x, p_y, p_z).
+        frame: name of a link, a joint or another frame of a robot; by default the last link.
+            Required if the robot has several last links; not for a scene or a pair.
 
     Returns:
-        The derivation; `.omega1`, `.R2` and so on are SymPy matrices in `.t`, of a robot `.R`, `.S`, `.jacobian`,
-        `.v` and `.omega` in `.q` and `.qd`; `.to_text()`, `.to_latex()` and `.to_python()` write them out.
+        For a scene or a pair, a Derivation: `.omega1`, `.R2` and so on are SymPy matrices in the symbol `.t`. For a
+        robot, FrameForms: `.R`, `.S`, `.jacobian`, `.v` and `.omega` are SymPy matrices in `.q` and `.qd`. Both have
+        `.to_text()`, `.to_latex()` and `.to_python()`, which return the forms as text.
 
     Raises:
-        ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
+        ArgumentError: an argument cannot be used, or the derivatives of an expression are too long. The message names
+            the argument.
 
     >>> import hingepair as hp
     >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -94,7 +102,8 @@ def derive(
 
 
 def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
-    """Return closed forms of a scene file's pair whose coordinates are unspecified functions of t: a Derivation.
+    """Return the Derivation of the pair in a scene file, ignoring the motion of the file: the coordinates are
+    unspecified functions of t. Raise a SceneError for a file that cannot be read.
 
     Args:
         path: the scene file.
@@ -112,7 +121,9 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as a tuple of names of u1, u2, n and scene constants; refuse other values."""
+    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError unless each is u1, u2, n (if the
+    pair has it) or one of `constants`, the names of the scene's constants.
+    """
     allowed_names = (*(key for key in SYMBOLIC_CONSTANT_NAMES if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
@@ -127,8 +138,8 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
 def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return the exact u1, u2, n and home that the scene file holds, by name; leave out those that differ from the
-    pair's numbers.
+    """Return the exact u1, u2, n and home in the scene file's table [pair], a dict of tuples of SymPy expressions.
+    Leave out values that differ from the pair's floats. The constants in `symbolic_constants` stay symbols.
 
     Someone may have given the scene another pair (`dataclasses.replace`).
     """

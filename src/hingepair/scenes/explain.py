@@ -13,7 +13,7 @@ from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, PART_NAMES_BY_COO
 from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
-_STEP_DESCRIPTIONS = {
+_DESCRIPTION_BY_STEP_NAME = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
@@ -50,13 +50,14 @@ _STEP_DESCRIPTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
-    """Outputs of a pair's scene, the steps computed and skipped for them, and the number of operations.
+    """Plan of a pair's scene: its outputs, the computed steps (name, and whether once or at each instant), the
+    skipped work with reasons, and the number of operations. `str` gives it as text.
 
     Attributes:
-        outputs: what comes out.
-        computed: the steps on the way, in order, each with whether it is taken once or for each instant.
-        skipped: what is left out, and why.
-        operations: how many are left, of how many.
+        outputs: names of the outputs.
+        computed: (step name, "once" or "each") in order; "each" is a step that is computed at each instant.
+        skipped: (description of the work that is left out, reason).
+        operations: number of operations at each instant, and number before constants were folded.
     """
 
     outputs: tuple[str, ...]
@@ -69,7 +70,7 @@ class ScenePlan:
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<{width}}{_STEP_DESCRIPTIONS[name]}{' - once' if often == 'once' else ''}"
+            f"  {name:<{width}}{_DESCRIPTION_BY_STEP_NAME[name]}{' - once' if often == 'once' else ''}"
             for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
@@ -79,7 +80,9 @@ class ScenePlan:
 def explain(
     pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
-    """Return the ScenePlan for outputs of a motion; `motion_level` is the derivative order that the scene has."""
+    """Return the ScenePlan for outputs of a pair's motion, without computing them. `outputs` None means all of body
+    2. `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
+    """
     kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
@@ -90,7 +93,7 @@ def explain(
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
-        if step.result in _STEP_DESCRIPTIONS:
+        if step.result in _DESCRIPTION_BY_STEP_NAME:
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
@@ -104,9 +107,9 @@ def explain(
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
     skipped += [
-        (_STEP_DESCRIPTIONS[name], "no output needs it")
+        (_DESCRIPTION_BY_STEP_NAME[name], "no output needs it")
         for name in others
-        if name in _STEP_DESCRIPTIONS and name not in made
+        if name in _DESCRIPTION_BY_STEP_NAME and name not in made
     ]
     if motion.sequence is None and kind is SPATIAL_MOTION:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))

@@ -23,7 +23,7 @@ from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrat
 from hingepair.scenes.known_motion import MotionByCoordinates
 from hingepair.scenes.motion import Motion, turns_about
 from hingepair.scenes.tables import Table
-from hingepair.scenes.waypoints import MAX_WAY_POINTS, PROFILE_NAMES, WayPoints, interpolate_way_points
+from hingepair.scenes.waypoints import MAX_WAY_POINTS, WAY_POINT_PROFILE_NAMES, WayPoints, interpolate_way_points
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
@@ -37,7 +37,8 @@ _WAY_POINT_LIMIT_KEYS: Final = ("speed", "acceleration")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionsOfTime:
-    """Functions of t by name: the SymPy expressions, exact numbers or way points that keys of a table hold.
+    """Functions of t that keys of a scene's table define, in the order of `names`: SymPy expressions, exact numbers
+    or way points.
 
     Attributes:
         names: the keys of the table that they came from.
@@ -55,14 +56,16 @@ class FunctionsOfTime:
         return () if len(self.names) == 1 else (len(self.names),)
 
     def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
-        """Return (values, first derivatives, ...) at t, tuples of one entry per function; at kinks from the right."""
+        """Return (values, first derivatives, ...) at t up to `order`, each a tuple with one array or float per
+        function. Derivatives at a kink are those from the right.
+        """
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
 
     def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """Return [values, first derivatives, ...] up to `order` at t as arrays; shape (N,) of one function, (N, k) of
-        k functions.
+        """Return the list [values, first derivatives, ...] up to `order` at t. Each is an array of shape (N,) for one
+        function and (N, k) for k functions.
         """
         rows = self.derivatives(t, order)
         return [
@@ -70,13 +73,15 @@ class FunctionsOfTime:
         ]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
+        """Return for each interval between neighbouring instants whether a function has a kink or a jump in it; shape
+        (N - 1,).
+        """
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, symbolic_constants: Sequence[str] = ()) -> dict[str, Expr | None]:
-        """Return the expressions by name, in which the constants that `symbolic_constants` names stay symbols; None
-        for way points.
+        """Return the functions as SymPy expressions by name, parsed again so that the constants named in
+        `symbolic_constants` stay symbols. The value of a function by way points is None.
         """
         expression_by_name: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):
@@ -88,7 +93,9 @@ class FunctionsOfTime:
         return expression_by_name
 
     def compiled(self) -> TimeFunctions:
-        """Compile the expressions among the functions; refuse one that is never real and finite."""
+        """Return the TimeFunctions of all functions except way points, compiled and cached. Raise an ArgumentError if
+        an expression is never real and finite.
+        """
         kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
         return _time_functions(tuple(kept.values()), tuple(kept))
 
@@ -100,7 +107,7 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair by coordinates that are functions of t; `part` evaluates it at some instants of a scene.
+    """Motion of a pair whose coordinates are functions of t. `part` evaluates them at some instants of a scene.
 
     Attributes:
         t: instants [s].
@@ -114,13 +121,17 @@ class MotionByFunctions:
     level: ClassVar[int] = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
-        """Evaluate the coordinates, with derivatives up to `order`, at the instants with the indices `rows`."""
+        """Return a MotionByCoordinates: the coordinates and their derivatives up to `order` at the instants with the
+        indices `rows`.
+        """
         t = self.t[rows]
         return MotionByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
-    """Return the Motion of the tables [motion] and [time]: coordinates, or rates, which are integrated (E12)."""
+    """Return the Motion that the tables [motion] and [time] define by functions of t: coordinates, or angular
+    velocity and hinge rate, which are integrated (E12). Raise a SceneError for unknown keys and bad values.
+    """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
     names = PLANAR_COORDINATE_NAMES if planar else COORDINATE_NAMES
@@ -134,14 +145,18 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
 def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
-    """Return coordinates as FunctionsOfTime, and their Euler sequence (None in the plane); refuse other keys."""
+    """Return (functions, sequence): the coordinates `names` of a table as FunctionsOfTime and their Euler sequence,
+    None in the plane. Raise a SceneError for keys other than these, `constants` and `other_keys`.
+    """
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
     return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Read angular velocity, hinge rate and R1 as functions of t, integrate them (E12) and return the Motion."""
+    """Return the Motion found by integrating (E12) the angular velocity omega1 and the hinge rate psi_dot of a table,
+    which are functions of t like R1. Raise a SceneError for unknown keys and bad values.
+    """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*INTEGRATION_OPTION_KEYS, "tol", "omega1", "psi_dot", "constants", *start_keys))
     axes = start_keys[:2] if planar else start_keys[:3]
@@ -163,7 +178,9 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
-    """Return the keys `names` of a table as FunctionsOfTime; refuse an expression that is nowhere real and finite."""
+    """Return the keys `names` of a table as FunctionsOfTime. Raise a SceneError for a value that is no function, or
+    for an expression that is nowhere real and finite.
+    """
     functions = FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
     with table.naming():
         functions.compiled()
@@ -171,7 +188,9 @@ def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
 
 
 def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
-    """Return the function of t that a key holds: an expression, an exact number or WayPoints; refuse other values."""
+    """Return the function of t that a key defines: a SymPy expression, an exact SymPy number or WayPoints. Raise a
+    SceneError for any other value.
+    """
     match table.values.get(key):
         case str() as text:
             with table.naming(key):
@@ -184,7 +203,9 @@ def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
 
 
 def _read_way_points(table: Table) -> WayPoints:
-    """Return the WayPoints of a table { t = [...], value = [...], profile, speed, acceleration }; refuse bad ones."""
+    """Return the WayPoints of a table with the keys t, value, profile, speed and acceleration. Raise a SceneError for
+    other keys, for bad values, and for limits that the profile exceeds.
+    """
     table.check_keys(("t", "value", "profile", *_WAY_POINT_LIMIT_KEYS))
     instants: Any = table.values.get("t")
     count = len(instants) if isinstance(instants, list) else 0
@@ -198,4 +219,4 @@ def _read_way_points(table: Table) -> WayPoints:
         if limit <= 0:
             table.fail(key, "a number above 0")
     with table.naming():
-        return interpolate_way_points(t, values, table.choice("profile", PROFILE_NAMES), **limits)
+        return interpolate_way_points(t, values, table.choice("profile", WAY_POINT_PROFILE_NAMES), **limits)

@@ -19,19 +19,20 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
-from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_RATIO, LogNoise, finite_rms, noise_rows
+from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_TO_RMS, LogNoise, finite_rms, noise_rows
 from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
 from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
 class SceneForces(Record):
-    """Forces of a pair at a scene's instants, by name: `forces.hinge_torque`; prints as a table, saves to a file.
+    """Forces of a pair at the instants of a scene. Each force array is an attribute such as `hinge_torque`;
+    `gravity`, `noise` and `notes` are further attributes. It prints as a table and can be saved to a file.
 
     Args:
-        gravity: acceleration of free fall that they were computed with [m/s^2]; shape (3,), in the plane (2,).
-        noise: of a log, the standard deviation that its noise causes in each of the arrays, away from the ends of the
-            log; by name, shape () or (k,). Empty of other motions.
-        notes: sentences that a reader should know.
+        gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
+        noise: standard deviation that the noise of a log causes in each force array, away from the ends of the log;
+            dict by name, shape () or (k,). Empty if the motion is not from a log.
+        notes: sentences for readers of the forces.
         record: the arguments of a `Record`.
     """
 
@@ -61,8 +62,9 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Return the SceneForces that a pair's motion requires at t. `gravity` None is the scene's own; `title` and
-    `files`, the inputs, are those of the scene.
+    """Return the SceneForces that a pair's motion requires at the instants t. `gravity` None means the scene's own
+    gravity. `title` and `files` are the scene's title and input files. Raise an ArgumentError where forces cannot be
+    computed.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -99,7 +101,10 @@ def pair_scene_forces(
 def _required_forces(
     pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
 ) -> dict[str, NDArray[Any]]:
-    """Return by name the forces and torques that a motion in space requires; world axes, shape (N,) or (N, 3)."""
+    """Return the forces and torques that a pair's motion in space requires, a dict of arrays by name, world
+    axes. hinge_torque has shape (N,), all others (N, 3). force1 and torque1 are left out if body 1 has no mass
+    properties.
+    """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
     wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity)
@@ -114,8 +119,8 @@ def _required_forces(
 def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
-    """Return by name the part of the required forces that the loads on body 2 of a simulated motion supply: these
-    loads as forces at the hinge and on body 1.
+    """Return the part of each required force that the applied loads on body 2 of a simulated motion supply, a dict of
+    arrays by name, world axes. The caller subtracts it from the required forces.
     """
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
@@ -132,8 +137,8 @@ def _forces_from_body2_loads(
 
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the force arrays in the plane by name: x and y of each force, z of torque1, hinge torques unchanged,
-    bearing_torque left out.
+    """Return the components in the plane of force arrays as a dict: x and y of hinge_force and force1, z of torque1.
+    Leave hinge torques unchanged and drop bearing_torque.
     """
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
@@ -146,7 +151,9 @@ def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDA
 def _torque_limit_sentences(
     pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Yield one sentence if the motor's torque (else the hinge torque) exceeds the pair's torque_limit anywhere."""
+    """Yield one sentence if motor_torque (hinge_torque where there is no motor) exceeds the pair's torque_limit at
+    any instant, otherwise nothing.
+    """
     limit = getattr(pair, "torque_limit", None)
     if limit is None:
         return
@@ -165,10 +172,13 @@ def _force_noise(
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
-    """Return the standard deviation of each force caused by noise of the log, by name, and a sentence on noise."""
+    """Return (deviations, note): the standard deviation that noise of the log causes in each force, by name, and a
+    sentence on that noise. The noise is estimated by adding random noise of equal size once and comparing with
+    `force_arrays`.
+    """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ORDER)
-    noisy = _required_forces(pair, log.added_to(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
+    noisy = _required_forces(pair, log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
     inside, sizes = slice(FINITE_DIFFERENCE_ORDER // 2, -(FINITE_DIFFERENCE_ORDER // 2)), log.sizes
     changes = {name: (own - force_arrays[name][rows])[inside] for name, own in noisy.items()}
     noise = {name: finite_rms(change) for name, change in changes.items()}
@@ -182,7 +192,7 @@ def _force_noise(
         f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
         "(standard deviations; more near the ends)"
     )
-    if torque > SMOOTHING_HINT_NOISE_RATIO * rms:
+    if torque > SMOOTHING_HINT_NOISE_TO_RMS * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
 

@@ -26,7 +26,8 @@ MAX_SCENE_SAMPLES: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class UniformInstants:
-    """Evenly spaced instants, computed when indexed and not stored; equal to `numpy.linspace` to the bit.
+    """Sequence of evenly spaced instants from `start` to `stop`, computed when indexed and not stored. Its values
+    equal those of `numpy.linspace` to the bit.
 
     >>> UniformInstants(0.0, 1.0, 5)[1:3]
     array([0.25, 0.5 ])
@@ -42,7 +43,7 @@ class UniformInstants:
         return self.samples
 
     def __getitem__(self, rows: int | Rows) -> Any:
-        """Return one instant, or those of some rows."""
+        """Return one instant as a float64, or an array of the instants with the given indices."""
         if isinstance(rows, slice):
             numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
         else:
@@ -58,7 +59,9 @@ Instants: TypeAlias = UniformInstants | Float64Array
 
 
 class SampledScene(Shown, abc.ABC):
-    """Abstract base of Scene and MechanismScene: their instants, evenly spread samples of them, and units."""
+    """Abstract base of Scene and MechanismScene, with the instants of a scene, their selection in blocks or evenly
+    spread, and the units of outputs.
+    """
 
     __slots__ = ()
 
@@ -79,7 +82,7 @@ class SampledScene(Shown, abc.ABC):
 
     @property
     def span(self) -> str:
-        """First and last instant, in few characters."""
+        """First and last instant as a short text such as 0..10."""
         return f"{instant_text(self.start)}..{instant_text(self.stop)}"
 
     @property
@@ -88,7 +91,8 @@ class SampledScene(Shown, abc.ABC):
         return len(self.instants)
 
     def times(self) -> NDArray[np.float64]:
-        """Return all instants as a read-only array; shape (samples,) s.
+        """Return all instants as a read-only array; shape (samples,) s. Raise an ArgumentError if they are too many
+        to be held in memory.
 
         Raises:
             ArgumentError: there are too many to be held in memory.
@@ -103,7 +107,7 @@ class SampledScene(Shown, abc.ABC):
         return np.asarray(read_only(self.instants[:]))
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, or of one of its components."""
+        """Return the unit of an output, or of one of its components, as text."""
         return unit_of(name)
 
     @property
@@ -112,19 +116,21 @@ class SampledScene(Shown, abc.ABC):
         return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:
-        """Yield the numbers of the instants of one block after the other."""
+        """Yield slices of the indices of the instants, one for each block of at most ROWS_PER_BLOCK instants in
+        turn.
+        """
         return (slice(start, start + ROWS_PER_BLOCK) for start in range(0, self.samples, ROWS_PER_BLOCK))
 
-    def spread(self, most: int) -> Rows:
-        """Return the numbers of at most so many instants, evenly spread; of at least one."""
-        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
+    def spread(self, max_instants: int) -> Rows:
+        """Return the indices of at most `max_instants` evenly spread instants (at least one), as an integer array."""
+        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, max_instants)).astype(np.intp))
 
 
 def read_instants(time: Table) -> UniformInstants:
-    """Return the UniformInstants that the keys start, stop and samples of the table [time] describe; refuse other
-    keys and values.
+    """Return the UniformInstants that the keys start, stop and samples of the table [time] define. Raise a SceneError
+    for other keys and bad values.
     """
-    start, stop, samples = time.read(_TIME_KEY_READERS, required=_TIME_KEY_READERS).values()
+    start, stop, samples = time.read(_READER_BY_TIME_KEY, required=_READER_BY_TIME_KEY).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
@@ -133,7 +139,9 @@ def read_instants(time: Table) -> UniformInstants:
 
 
 def read_instants_array(time: Table) -> Float64Array:
-    """Return the instants of the table [time] as a read-only array; refuse more than may be held in memory."""
+    """Return the instants of the table [time] as a read-only array; shape (samples,) s. Raise a SceneError for bad
+    values or more instants than may be held in memory.
+    """
     t = read_instants(time)
     if len(t) > MAX_HELD_INSTANTS:
         time.fail("samples", f"at most {MAX_HELD_INSTANTS} where a motion is integrated, which is done in memory")
@@ -141,7 +149,9 @@ def read_instants_array(time: Table) -> Float64Array:
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Return the number of samples that a key of [time] holds; refuse all but 1 to MAX_SCENE_SAMPLES."""
+    """Return the number of samples under a key of [time] as an int. Raise a SceneError unless it is an integer from 1
+    to MAX_SCENE_SAMPLES.
+    """
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)
@@ -150,7 +160,7 @@ def _read_sample_count(time: Table, key: str) -> int:
     return value
 
 
-_TIME_KEY_READERS: Final[Mapping[str, Key]] = {
+_READER_BY_TIME_KEY: Final[Mapping[str, Key]] = {
     "start": Table.number,
     "stop": Table.number,
     "samples": _read_sample_count,

@@ -22,7 +22,7 @@ from hingepair.scenes.tables import Table
 INTEGRATION_OPTION_KEYS: Final = ("psi_0", "method")
 """Keys that every integrated motion may have in its table; in space also S1_0 and frame, in the plane phi_0."""
 
-_KEY_BY_RATE_ARGUMENT: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
+_MOTION_KEY_BY_RATE_ARGUMENT: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
 """Key of the table [motion] by the name that messages of `integrate` give to a rate."""
 
 
@@ -36,17 +36,24 @@ def integrate_motion(
     planar: bool = False,
     **notes: Any,
 ) -> Motion:
-    """Integrate the signals omega1 and psi' over t (E12; in the plane E11) and return the Motion. `arrays` has R1,
-    v1, omega1 and psid at t by name, and second derivatives where known; start and method stand in the table.
+    """Integrate the angular velocity of body 1 and the hinge rate over t (E12; in the plane E11) and return the
+    Motion. The start values and the method are read from `table`. Raise a SceneError for bad values or a missed
+    tolerance.
 
-    `arrays` are R1, v1, omega1, psid at the instants, and a1, alpha1, psidd where these are known; `tol` is the error
-    that is aimed at, refused where it is missed and the table asks for it; `notes` are functions and hint.
+    Args:
+        table: the table [motion], with the start attitude and angle, the axes (`frame`) and the method.
+        t: instants [s]; shape (N,).
+        signals: omega1 and psi' as Signals.
+        arrays: R1, v1, omega1 and psid at t by name; also a1, alpha1 and psidd where these are known.
+        tol: error to aim at [rad]. A SceneError is raised if it is missed and the table has the key `tol`.
+        planar: whether the motion is in the plane.
+        notes: further fields of the Motion, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
     method = table.choice("method", tuple(STEP_RULES) if planar else METHOD_NAMES)
     options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
-    with table.naming(**_KEY_BY_RATE_ARGUMENT):
+    with table.naming(**_MOTION_KEY_BY_RATE_ARGUMENT):
         if planar:
             start = table.number("phi_0", 0.0)
         else:

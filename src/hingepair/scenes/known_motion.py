@@ -34,17 +34,18 @@ if TYPE_CHECKING:
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 DERIVATIVE_ORDINALS = ("first", "second")
 """Orders of the derivatives of the coordinates, in words."""
-_BODY1_NAMES_BY_ORDER = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
+_BODY1_AND_HINGE_NAMES_BY_ORDER = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
 """Names of body 1's position and attitude and of the hinge angle, and of their derivatives by order."""
-_POSE_OUTPUTS = ("R1", "S1", "R2", "S2")
+_POSE_OUTPUT_NAMES = ("R1", "S1", "R2", "S2")
 """Outputs of forward kinematics with the positions and attitudes of both bodies."""
-_ANGULAR_VELOCITY_OUTPUTS = ("omega1", "omega2")
+_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
 """Outputs of forward kinematics with the angular velocities of both bodies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
-    """Motion of a pair as arrays of seven coordinates, in the plane four, and of their known derivatives.
+    """Motion of a pair at some instants, given by its seven coordinates (four in the plane) and their known
+    derivatives. Values that do not change are floats.
 
     Attributes:
         count: number of instants.
@@ -59,7 +60,7 @@ class MotionByCoordinates:
 
     @property
     def level(self) -> int:
-        """The highest derivative that is known."""
+        """Order of the highest known derivative: 0, 1 or 2."""
         return len(self.derivatives) - 1
 
     @property
@@ -72,16 +73,22 @@ class MotionByCoordinates:
         return self._column(order, -1)
 
     def coordinates(self) -> dict[str, Float64Array]:
-        """Return what is kept beside all outputs: the coordinates by name; shape (count,) each."""
+        """Return the coordinates as a dict of arrays by name, shape (count,) each; they are recorded beside the
+        requested outputs.
+        """
         return self.log_columns(0)
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
+        """Return the coordinates (`order` 0) or their known derivatives of that order as a dict of arrays, shape
+        (count,) each, by the column names of a log.
+        """
         names = tuple(COLUMN_NAMES_BY_COORDINATE_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
-        """Return the motion at the instants with the indices `rows`, with known derivatives up to `order`."""
+        """Return the MotionByCoordinates at the instants with the indices `rows`, with the known derivatives up to
+        `order`.
+        """
         kept = tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]
@@ -92,21 +99,25 @@ class MotionByCoordinates:
     def forward_kinematics(
         self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
     ) -> PairState | PlanarState:
-        """Return the pair's state; `outputs` None means all of body 2 that the known derivatives allow."""
+        """Compute the pair's outputs along the motion; return a PairState, in the plane a PlanarState. `outputs` None
+        means all outputs of body 2 that the known derivatives allow.
+        """
         state: PairState | PlanarState = pair.forward_kinematics(
             *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
         )
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Return the report of a comparison of the pair's equations with Pinocchio along this motion."""
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
         from hingepair.validation.cross_validate import cross_validate
 
         report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
         return report
 
     def constant_names(self) -> frozenset[str]:
-        """Return the names of the coordinates, and of plan inputs made of them, that are equal at all instants."""
+        """Return the names of the plan inputs that do not change: coordinates, and groups of coordinates such as phi.
+        Only values stored as floats count as constant.
+        """
         derivative_by_part = dict(zip(PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
@@ -115,23 +126,29 @@ class MotionByCoordinates:
         return frozenset(name for name, value in values.items() if not _varies(value))
 
     def in_space(self, pair: Any) -> MotionByBody1:
-        """Return the motion in space as a MotionByBody1, with the derivatives that are known."""
+        """Return this motion of the pair in space as a MotionByBody1, with all known derivatives. A planar motion
+        becomes a motion in the plane z = 0.
+        """
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
             return MotionByBody1(body1, tuple(hinge))
-        names = [name for part in _BODY1_NAMES_BY_ORDER[: self.level + 1] for name in part[:2]]
+        names = [name for part in _BODY1_AND_HINGE_NAMES_BY_ORDER[: self.level + 1] for name in part[:2]]
         arrays = self.forward_kinematics(pair, tuple(names)).arrays()
         return motion_by_body1(
-            arrays | {part[2]: self._column(i, -1) for i, part in enumerate(_BODY1_NAMES_BY_ORDER[: self.level + 1])}
+            arrays
+            | {
+                part[2]: self._column(i, -1)
+                for i, part in enumerate(_BODY1_AND_HINGE_NAMES_BY_ORDER[: self.level + 1])
+            }
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 in space as arrays by name; with rates also omega1, omega2, psid and W1, the size
-        that errors of omega1 are relative to.
+        """Return R1, S1, R2, S2 in space as a dict of arrays. If first derivatives are known, add omega1, omega2,
+        psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if self.sequence:
             arrays = self.forward_kinematics(
-                pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS * bool(self.level)
+                pair, _POSE_OUTPUT_NAMES + _ANGULAR_VELOCITY_OUTPUT_NAMES * bool(self.level)
             ).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
@@ -167,7 +184,8 @@ class MotionByCoordinates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByBody1:
-    """Motion of a pair as that of body 1 in space (a BodyMotion) and the hinge angle, with known derivatives.
+    """Motion of a pair at some instants, given by the motion of body 1 in space (a BodyMotion), the hinge angle and
+    their known derivatives.
 
     Attributes:
         body1: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is.
@@ -181,7 +199,7 @@ class MotionByBody1:
 
     @property
     def level(self) -> int:
-        """The highest derivative that is known."""
+        """Order of the highest known derivative: 0, 1 or 2."""
         return len(self.hinge) - 1
 
     @property
@@ -194,14 +212,16 @@ class MotionByBody1:
         return self.hinge[order]
 
     def coordinates(self) -> dict[str, Float64Array]:
-        """Return what is kept beside all outputs: the hinge angle by name; shape (count,)."""
+        """Return the hinge angle as a dict with the key psi, shape (count,); it is recorded beside the requested
+        outputs.
+        """
         return {"psi": self.hinge[0]}
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return the columns of a log by name: position, quaternion and psi for `order` 0, their rates for 1,
-        accelerations for 2.
+        """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
+        0, velocities and psi' for 1, accelerations and psi'' for 2.
         """
-        place, turning, angle = _BODY1_NAMES_BY_ORDER[order]
+        place, turning, angle = _BODY1_AND_HINGE_NAMES_BY_ORDER[order]
         body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
             body1_arrays[turning] = getattr(self.body1, turning[:-1])
@@ -214,47 +234,53 @@ class MotionByBody1:
         return columns | attitude | {angle: self.hinge[order]}
 
     def constant_names(self) -> frozenset[str]:
-        """Return no name: inputs that do not depend on t are not looked for."""
+        """Return an empty set: constant inputs are not looked for in this kind of motion."""
         return frozenset()
 
     def part(self, rows: Rows, order: int) -> MotionByBody1:
-        """Return the motion at the instants with the indices `rows`, with known derivatives up to `order`."""
+        """Return the MotionByBody1 at the instants with the indices `rows`, with the known derivatives up to
+        `order`.
+        """
         letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * min(order, self.level) + 2]
         arrays = {letter: getattr(self.body1, letter)[rows] for letter in letters}
         return MotionByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """Return the pair's state; `outputs` None means all of body 2 that the known derivatives allow."""
+        """Compute the pair's outputs along the motion; return a PairState. `outputs` None means all outputs of body 2
+        that the known derivatives allow.
+        """
         state: PairState = pair.forward_kinematics_from_body1(
             self.body1, *self.hinge, outputs=outputs, backend=backend
         )
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Return the report of a comparison of the pair's equations with Pinocchio along this motion."""
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
 
     def in_space(self, _: Any) -> MotionByBody1:
-        """Return this motion."""
+        """Return this motion unchanged; it is already in space."""
         return self
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 as arrays by name; with rates also omega1, omega2, psid and W1, the size that errors
-        of omega1 are relative to.
+        """Return R1, S1, R2, S2 as a dict of arrays. If first derivatives are known, add omega1, omega2, psid and W1,
+        the size [rad/s] relative to which errors of omega1 are measured.
         """
         if not self.level:
-            return self.forward_kinematics(pair, _POSE_OUTPUTS).arrays()
+            return self.forward_kinematics(pair, _POSE_OUTPUT_NAMES).arrays()
         W1, _ = angular_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _POSE_OUTPUTS + _ANGULAR_VELOCITY_OUTPUTS).arrays() | {
+        return self.forward_kinematics(pair, _POSE_OUTPUT_NAMES + _ANGULAR_VELOCITY_OUTPUT_NAMES).arrays() | {
             "psid": self.hinge[1],
             "W1": np.asarray(W1),
         }
 
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
-    """Return the unit quaternions of rotations as columns qx, qy, qz, qw with the digit of the body; qw >= 0."""
+    """Return the unit quaternions (qw >= 0) of rotations as a dict of four columns named qx, qy, qz, qw, each name
+    followed by `digit`, the number of the body.
+    """
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 
@@ -264,11 +290,15 @@ KnownMotion: TypeAlias = MotionByCoordinates | MotionByBody1
 
 
 def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
-    """Return a MotionByBody1 of arrays named R1, S1, psi, v1, ..., up to the highest order that has all three."""
-    level = max(i for i, names in enumerate(_BODY1_NAMES_BY_ORDER) if array_by_name.keys() >= {*names})
-    arrays = {name[:-1]: array_by_name[name] for names in _BODY1_NAMES_BY_ORDER[: level + 1] for name in names[:2]}
+    """Return the MotionByBody1 of a dict of arrays named R1, S1, psi, v1, omega1, psid, a1, alpha1, psidd. Its
+    derivatives go up to the highest order of which all three arrays are present.
+    """
+    level = max(i for i, names in enumerate(_BODY1_AND_HINGE_NAMES_BY_ORDER) if array_by_name.keys() >= {*names})
+    arrays = {
+        name[:-1]: array_by_name[name] for names in _BODY1_AND_HINGE_NAMES_BY_ORDER[: level + 1] for name in names[:2]
+    }
     return MotionByBody1(
-        BodyMotion(**arrays), tuple(array_by_name[names[2]] for names in _BODY1_NAMES_BY_ORDER[: level + 1])
+        BodyMotion(**arrays), tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_NAMES_BY_ORDER[: level + 1])
     )
 
 

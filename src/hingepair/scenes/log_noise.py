@@ -18,20 +18,26 @@ from hingepair.plans.steps import COLUMN_NAMES_BY_COORDINATE_NAMES, COORDINATE_N
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
-SMOOTHING_HINT_NOISE_RATIO: Final = 0.01
+SMOOTHING_HINT_NOISE_TO_RMS: Final = 0.01
 """Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
-_MAX_ROUNDING_NOISE_RATIO: Final = 1e-12  # noise of samples, in parts of the largest, that is taken for rounding
-_MAX_NOISE_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
+_MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE: Final = (
+    1e-12  # noise of samples, in parts of the largest, that is taken for rounding
+)
+_MAX_SAMPLES_FOR_NOISE_ESTIMATE: Final = 100_000  # consecutive samples from which the noise of a log is estimated
 
 
 def noise_rows(count: int) -> slice:
-    """Return the samples from which the noise of a log of so many samples is estimated: those in the middle."""
-    first = max(0, (count - _MAX_NOISE_SAMPLES) // 2)
-    return slice(first, first + _MAX_NOISE_SAMPLES)
+    """Return the slice of the samples from which the noise of a log with `count` samples is estimated: at most
+    100,000 in the middle.
+    """
+    first = max(0, (count - _MAX_SAMPLES_FOR_NOISE_ESTIMATE) // 2)
+    return slice(first, first + _MAX_SAMPLES_FOR_NOISE_ESTIMATE)
 
 
 def finite_rms(values: Float64Array) -> Float64Array:
-    """Return the root mean square of the finite values along the first axis; NaN where none is finite."""
+    """Return the root mean square of the finite values along the first axis, an array without that axis; NaN where no
+    value is finite.
+    """
     finite = np.isfinite(values)
     with np.errstate(invalid="ignore"):
         rms: Float64Array = np.sqrt((np.where(finite, values, 0.0) ** 2).sum(axis=0) / finite.sum(axis=0))
@@ -39,16 +45,17 @@ def finite_rms(values: Float64Array) -> Float64Array:
 
 
 class LogNoise:
-    """Estimator of the noise in a log's samples, which adds random noise of equal size to a motion.
+    """Estimator of the noise in the samples of a log. Its methods add random noise of the estimated size to a motion
+    and store that size in `sizes`.
 
     Args:
         t: instants; shape (N,) s.
-        derived: names of the rates that were found by finite differences.
-        order: of these differences.
+        derived: names of the derivatives that were found by finite differences.
+        order: order of the error of these differences.
 
     Attributes:
-        sizes: standard deviations by name of what the log has samples of (the largest of the components of a vector,
-            of S1 an angle about an axis), and of psidd away from the ends. What has none is not there.
+        sizes: standard deviation of the noise by name: of each sampled quantity (the largest of its components; of S1
+            an angle [rad]), and of psidd away from the ends. Quantities without noise are left out.
     """
 
     def __init__(self, t: Float64Array, derived: tuple[str, ...], order: int) -> None:
@@ -56,9 +63,9 @@ class LogNoise:
         self._t, self._derived, self._order = t, derived, order
         self._rng = np.random.default_rng(0)
 
-    def added_to(self, motion: KnownMotion) -> KnownMotion:
-        """Return the motion, which has accelerations, with random noise added that has the size of the log's own;
-        store this size in `sizes`.
+    def with_noise_added(self, motion: KnownMotion) -> KnownMotion:
+        """Return a copy of a motion, which must have second derivatives, to which random noise of the size estimated
+        from the motion itself is added. Store this size in `sizes`.
         """
         return (
             self._add_to_coordinates(motion)
@@ -66,13 +73,17 @@ class LogNoise:
             else self._add_to_body1(motion)
         )
 
-    def added_to_column(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
-        """Compute a coordinate, its rate and the rate of that with as much noise once more; shape (N,) each."""
+    def column_with_noise_added(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
+        """Return a coordinate and its first and second derivative, each with random noise of the estimated size
+        added; a list of arrays (N,). Store the size in `sizes`.
+        """
         noise = self._draw_noise(names, [column[:, None] for column in values])
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
     def _add_to_coordinates(self, motion: MotionByCoordinates) -> MotionByCoordinates:
-        """Return the motion with random noise of the estimated size added to coordinates and derivatives."""
+        """Return a copy of a MotionByCoordinates with random noise of the estimated size added to all coordinates and
+        derivatives. Store the sizes in `sizes`.
+        """
         columns = []
         for names, *derivatives in zip(
             zip(*COLUMN_NAMES_BY_COORDINATE_NAMES[COORDINATE_NAMES].values(), strict=True),
@@ -89,7 +100,9 @@ class LogNoise:
         return MotionByCoordinates(motion.count, tuple(zip(*columns, strict=True)), motion.sequence)
 
     def _add_to_body1(self, motion: MotionByBody1) -> MotionByBody1:
-        """Return the motion with random noise of the estimated size added to body 1, psi and their derivatives."""
+        """Return a copy of a MotionByBody1 with random noise of the estimated size added to the motion of body 1, to
+        psi and to their derivatives. Store the sizes in `sizes`.
+        """
         letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
         hinge = self._draw_noise(("psi", "psid", "psidd"), [angle[:, None] for angle in motion.hinge])
         R, v, a, S, omega, alpha = (np.asarray(getattr(motion.body1, letter)) for own in letters for letter in own)
@@ -102,7 +115,10 @@ class LogNoise:
         return MotionByBody1(BodyMotion(**moved), angles)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Draw random noise for a quantity and its two derivatives, shape (N, k) each; store its size in `sizes`."""
+        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k), estimated from
+        `values`. Derivatives found by finite differences get the differences of the noise. Store the sizes in
+        `sizes`.
+        """
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
         for name, samples in zip(names, values, strict=True):
@@ -129,8 +145,9 @@ class LogNoise:
 
 
 def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tuple[float, float]:
-    """Return the standard deviations of the noise in the first and in the second derivative that finite differences
-    of the given order take of samples; of columns (N, k) the rms, of rotations (N, 3, 3) that of angles.
+    """Return (first, second): the standard deviations of the noise in the first and second derivative of samples by
+    finite differences of the given order. Of columns (N, k) it is the rms over all, of rotations (N, 3, 3) that of
+    angles [rad].
 
     It is 0 where the noise of the samples is no more than rounding, and where there are too few to tell.
     """
@@ -140,7 +157,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     if not residuals.size:
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(residuals**2)))
-    if size <= _MAX_ROUNDING_NOISE_RATIO * float(np.abs(samples).max()):
+    if size <= _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE * float(np.abs(samples).max()):
         return 0.0, 0.0
     _, _, *weights = next(stencils(t, order))
     first, second = (float(np.sqrt(np.median((one**2).sum(axis=1)))) for one in weights)
@@ -148,5 +165,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
 
 
 def _turned_from(S: Float64Array, reference: Float64Array) -> Float64Array:
-    """Compute the rotation vectors from reference attitudes, world axes [rad]; shape (..., 3)."""
+    """Return the rotation vectors that turn reference attitudes into the attitudes S, world axes [rad]; shape (...,
+    3).
+    """
     return rotation_vector(S @ np.swapaxes(reference, -1, -2))

@@ -61,15 +61,15 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Names of the columns that a log may have, the arrays that they form, those that hold angles, and names of
-    results, which are refused.
+    """Column names that a log may have, grouped into the arrays they form, with the names of angles and of results. A
+    log with a column of results is refused.
 
     Attributes:
-        arrays: columns of each array, by name; what is in no array is a column by itself.
-        columns: all of them.
-        angles: the arrays and columns that hold angles.
-        results: what the names of columns of results begin with, up to the first `_`.
-        written: how `hingepair run` writes such a log, for messages.
+        arrays: names of the columns of each array, by the name of the array.
+        columns: names of all columns.
+        angles: names of the arrays and columns that hold angles.
+        results: beginnings (up to the first `_`) of the names of columns that hold results.
+        written: command that writes such a log, for messages.
     """
 
     arrays: Mapping[str, tuple[str, ...]]
@@ -79,7 +79,9 @@ class LogLayout(NamedTuple):
     written: str
 
     def columns_of(self, name: str) -> tuple[str, ...]:
-        """Return the names of the columns of an array; what is no array is a column itself."""
+        """Return the names of the columns that form the array `name`; a name of no array is returned as a single
+        column.
+        """
         return self.arrays.get(name, (name,))
 
 
@@ -97,14 +99,17 @@ _HINGE_NAMES_BY_ORDER = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 _EULER_NAMES_BY_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
-_QUATERNION_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
+_QUATERNION_AND_RATE_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_MAX_LOG_NOISE_RATIO: Final = 0.1  # of a derivative's rms: noise above it is told of
-_MIN_LONG_DOUBLE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
+_SMOOTHING_HINT_DERIVATIVE_NOISE_TO_RMS: Final = 0.1  # of a derivative's rms: noise above it is told of
+_MIN_INSTANT_READ_AS_LONG_DOUBLE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
 def read_log(table: Table, folder: Path) -> Motion:
-    """Return the Motion of the log that [motion] names, relative to `folder`: as stated, smoothed or integrated."""
+    """Return the Motion of the log file that the table [motion] names; a relative path is relative to `folder`. The
+    samples are used as they are, smoothed or integrated, as the table says. Raise a SceneError for bad keys or
+    columns.
+    """
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
     start = (*INTEGRATION_OPTION_KEYS, "S1_0")
     for key in start:
@@ -126,8 +131,8 @@ def read_log(table: Table, folder: Path) -> Motion:
 
 
 def log_path(table: Table, folder: Path) -> Path:
-    """Return the path of the log that the table [motion] names, relative to `folder`; refuse a file that does not
-    exist.
+    """Return the path of the log that the key `file` of [motion] names, relative to `folder`. Raise a SceneError if
+    there is no such file.
     """
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
@@ -136,7 +141,9 @@ def log_path(table: Table, folder: Path) -> Path:
 
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
-    """Return the names of the log's columns that the key `ignore` of [motion] leaves out; empty without the key."""
+    """Return the column names under the key `ignore` of [motion], which are not read; empty without the key. Raise a
+    SceneError unless it is a list of texts.
+    """
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         table.fail("ignore", 'a list of names of columns, such as ["temperature"]')
@@ -144,10 +151,12 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
-    """Return the axes of the log's angular velocities, "body" or "world"; refuse a table that does not name them."""
+    """Return the axes of the log's angular velocities: "body" or "world". Raise a SceneError if the log has angular
+    velocities and the table has no key `frame`, or the key without them.
+    """
     rates = [
         column
-        for name in _QUATERNION_NAMES_BY_ORDER[1:]
+        for name in _QUATERNION_AND_RATE_NAMES_BY_ORDER[1:]
         for column in COLUMNS_BY_LOG_ARRAY[name]
         if column in log.columns
     ]
@@ -160,18 +169,19 @@ def _velocity_frame(table: Table, log: Log) -> str:
 
 
 class Log(NamedSource):
-    """Columns of a log file by name, read and checked, with derivatives and notes that follow from them.
+    """Checked columns of a log file by name, with methods that compute missing derivatives. `derived`, `noise_shares`
+    and `notes` record what was computed and found.
 
     Args:
         path: the file.
-        layout: what its columns may be.
-        completed: whether derivatives that the file lacks are found by finite differences.
-        unwrap: whether angles are unwrapped before; None where they are if they jump by whole turns.
+        layout: names of the columns that it may have.
+        completed: whether derivatives that the file lacks are computed by finite differences.
+        unwrap: whether angles are unwrapped before; None means only those that jump by whole turns.
         ignored: names of columns, or of arrays, of the file that are not read.
 
     Attributes:
-        derived: names of the derivatives that were found by finite differences.
-        noise_shares: by name of these, the noise that the samples make in them, in parts of their rms.
+        derived: names of the derivatives that were computed by finite differences.
+        noise_shares: noise of each of these derivatives, by name, as a fraction of its rms.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
@@ -200,7 +210,7 @@ class Log(NamedSource):
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, FINITE_DIFFERENCE_ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > _MIN_LONG_DOUBLE_INSTANT
+            late = kind == ".csv" and abs(t[0]) > _MIN_INSTANT_READ_AS_LONG_DOUBLE
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
@@ -210,7 +220,9 @@ class Log(NamedSource):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
-        """Return the names that are not ignored; refuse a column that is unknown, holds results, or comes twice."""
+        """Return the column names without the ignored ones. Raise a SceneError for a column that is unknown, holds
+        results or comes twice, and for an ignored name that the file lacks.
+        """
         for name in sorted(self._ignored.difference(column_names)):
             expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
             self.refuse(repr(name[:40]), expected, "no such column")
@@ -227,8 +239,9 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives (`names`) as arrays by name, those that the file lacks by finite
-        differences where the log is completed; record these in `derived`. Empty if absent and not required.
+        """Return a quantity and its derivatives (`names`) as a dict of arrays; empty if the log lacks the quantity
+        and it is not required. If the log is completed, compute missing derivatives by finite differences and record
+        them in `derived` and `noise_shares`.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
@@ -250,7 +263,9 @@ class Log(NamedSource):
         return {name: array if name in self.layout.arrays else array[:, 0] for name, array in arrays.items()}
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
-        """Return an array of a log from its columns, shape (N, k); None if all are absent and it is not required."""
+        """Return the columns of an array, shape (N, k); None if the log has none of them and they are not required.
+        Raise a SceneError if it lacks some of them.
+        """
         column_names = self.layout.columns_of(array_name)
         present_names = [column for column in column_names if column in self.columns]
         if not present_names and not required:
@@ -263,14 +278,18 @@ class Log(NamedSource):
         return np.stack([self.columns[column] for column in column_names], axis=-1)
 
     def check_finite(self, name: str, array: Float64Array, use: str) -> None:
-        """Refuse an array with a number that is not finite; `use` says in the message what the array is for."""
+        """Raise a SceneError if an array has a number that is not finite. `use` is a participle such as "integrated"
+        that the message contains.
+        """
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
             self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
-        """Return the rotation matrices of quaternions (x, y, z, w); refuse a zero quaternion."""
+        """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4). Raise a SceneError for a
+        zero quaternion.
+        """
         zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
         if zero.size:
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
@@ -279,8 +298,9 @@ class Log(NamedSource):
     def _derivatives(
         self, name: str, array: Float64Array
     ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
-        """Return first and second derivatives of an array by finite differences (of a quaternion, omega and alpha),
-        and the standard deviations of their noise.
+        """Return ((first, second), deviations): derivatives of an array by finite differences, and the standard
+        deviations of their noise. For a quaternion they are omega and alpha. Angles are unwrapped first. Raise a
+        SceneError for numbers that are not finite.
         """
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
@@ -299,7 +319,9 @@ class Log(NamedSource):
         return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return angles [rad] without jumps by whole turns, or unchanged, as `unwrap` says; note jumps."""
+        """Return angles [rad], with jumps by whole turns removed if `unwrap` is True, or if it is None and they look
+        wrapped. Append a sentence to `notes` if `unwrap` is None and there are jumps.
+        """
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
         unwrap = self.unwrap
@@ -319,8 +341,14 @@ class Log(NamedSource):
         return np.unwrap(angles) if unwrap else angles
 
     def smoothing_hint(self) -> str:
-        """Return a sentence that recommends to smooth a log whose derivatives are noisy; an empty text otherwise."""
-        noisy = {name: share for name, share in self.noise_shares.items() if share > _MAX_LOG_NOISE_RATIO}
+        """Return a sentence that recommends smoothing if derivatives by finite differences are noisy; otherwise an
+        empty text.
+        """
+        noisy = {
+            name: share
+            for name, share in self.noise_shares.items()
+            if share > _SMOOTHING_HINT_DERIVATIVE_NOISE_TO_RMS
+        }
         if not noisy:
             return ""
         shares = ", ".join(f"{100 * share:.2g} % of {name}" for name, share in noisy.items())
@@ -330,7 +358,9 @@ class Log(NamedSource):
         )
 
     def unknown_error_note(self) -> str:
-        """Return a sentence that the error of finite differences is unknown; an empty text if none were taken."""
+        """Return a sentence that the error of the derivatives by finite differences is unknown; an empty text if
+        there are none.
+        """
         if not self.derived:
             return ""
         be = "were" if len(self.derived) > 1 else "was"
@@ -338,9 +368,12 @@ class Log(NamedSource):
 
 
 def _read_stated_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion of the log's position, attitude and psi, with the derivatives that all of them have."""
+    """Return the Motion of the log's position, attitude and psi, with derivatives up to the highest order in
+    the log. Raise a SceneError if a quantity lacks a derivative of that order. Angular velocities are converted
+    to world axes.
+    """
     attitude = _attitude_names(log)
-    if attitude is _QUATERNION_NAMES_BY_ORDER and "sequence" in table.values:
+    if attitude is _QUATERNION_AND_RATE_NAMES_BY_ORDER and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {
         names: log.quantity_and_rates(names) for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
@@ -358,7 +391,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            rate_names = [name for name in _QUATERNION_NAMES_BY_ORDER[start:] if name in arrays]
+            rate_names = [name for name in _QUATERNION_AND_RATE_NAMES_BY_ORDER[start:] if name in arrays]
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
@@ -369,7 +402,9 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
 
 
 def _read_smoothed_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion of noisy position, attitude and psi, smoothed, with all rates; refuse other columns."""
+    """Return the Motion found by smoothing the log's position, attitude and psi, with first and second derivatives.
+    Raise a SceneError for any other column. Warnings of the smoothing become notes.
+    """
     attitude = _attitude_names(log)
     read = {
         "t",
@@ -421,8 +456,10 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
 
 
 def _integrate_rates(table: Table, log: Log) -> Motion:
-    """Integrate the log's omega1 and psi' (E12) and return the Motion; refuse columns but those of rates and R1."""
-    rates = (_QUATERNION_NAMES_BY_ORDER[1:], _HINGE_NAMES_BY_ORDER[1:])
+    """Return the Motion found by integrating the log's omega1 and psi' (E12). Raise a SceneError for columns other
+    than those of rates and R1, and for rates that are not finite.
+    """
+    rates = (_QUATERNION_AND_RATE_NAMES_BY_ORDER[1:], _HINGE_NAMES_BY_ORDER[1:])
     quantities = (name for names in (_POSITION_NAMES_BY_ORDER, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
@@ -455,12 +492,14 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
 
 
 def _attitude_names(log: Log) -> tuple[str, ...]:
-    """Return the names of the log's attitude and its derivatives; refuse a log with both kinds or neither."""
+    """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions. Raise a
+    SceneError if the log has both or neither.
+    """
     euler = any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["phi"])
     attitude_names, other_names = (
-        (_EULER_NAMES_BY_ORDER, _QUATERNION_NAMES_BY_ORDER)
+        (_EULER_NAMES_BY_ORDER, _QUATERNION_AND_RATE_NAMES_BY_ORDER)
         if euler
-        else (_QUATERNION_NAMES_BY_ORDER, _EULER_NAMES_BY_ORDER)
+        else (_QUATERNION_AND_RATE_NAMES_BY_ORDER, _EULER_NAMES_BY_ORDER)
     )
     if not euler and not any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
@@ -474,8 +513,8 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the order of the highest derivative that any quantity of the log has; refuse the log if another quantity
-    lacks it.
+    """Return the highest derivative order that any quantity of the log has: 0, 1 or 2. Raise a SceneError if another
+    quantity lacks a derivative of that order or a lower one.
     """
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():
@@ -487,6 +526,8 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
 
 
 def _seven(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
-    """Return the seven coordinates, those that never change as one number."""
+    """Return the seven coordinates of position, Euler angles and psi as a tuple of arrays (N,); a coordinate that
+    never changes is one float.
+    """
     columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

@@ -22,38 +22,37 @@ from hingepair.scenes.known_motion import KnownMotion
 
 
 class PairMotionSource(Protocol):
-    """Protocol of a pair's motion at all instants of a scene; `part` returns it at some of these."""
+    """Protocol of a pair's motion at all instants of a scene. `part` returns the motion at some of the instants."""
 
     @property
     def level(self) -> int:
-        """The highest derivative that there is."""
+        """Order of the highest derivative that the motion has: 0, 1 or 2."""
 
     @property
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
 
     def part(self, rows: Rows, order: int, /) -> KnownMotion:
-        """Return the motion at some of the instants, with derivatives up to an order."""
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at a scene's instants, with its origin, its error estimates and notes for reports.
+    """Motion of a pair at the instants of a scene, with its origin, error estimates, gravity, and notes for reports.
 
     Attributes:
         t: instants [s].
-        source: the motion at all of them.
-        origin: where it comes from, in words.
-        how: how body 1 turns, or how the motion was found.
-        errors: how far each thing that was found is off at the worst instant, NaN where that is not known, by its
-            unit; none of what is exact.
-        doubt: why an error is not known, where one is not.
+        source: the motion at all instants.
+        origin: where the motion comes from, in words.
+        how: how body 1 turns, or how the motion was computed, in words.
+        errors: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion.
+        doubt: why an error is unknown, in words; otherwise empty.
         hint: how to get derivatives that are missing, for messages.
-        functions: of t that it is made of; they know where they switch.
-        simulated: the motion as it was simulated; None of others.
-        stops: lower and upper stop of the simulated hinge [rad]; infinite where there is none.
+        functions: functions of t that define the motion; they tell in which intervals they have kinks.
+        simulated: the simulated motion; None if the motion was not simulated.
+        stops: lower and upper stop of the simulated hinge [rad]; infinite without a stop.
         notes: sentences that every reader of the results should see.
-        derived: names of the rates of a log that were found by finite differences; None of what is no log.
+        derived: names of the rates of a log that were found by finite differences; None if it is no log.
     """
 
     t: Instants
@@ -71,7 +70,7 @@ class Motion:
 
     @property
     def level(self) -> int:
-        """The highest derivative that there is."""
+        """Order of the highest derivative that the motion has: 0, 1 or 2."""
         return self.source.level
 
     @property
@@ -81,29 +80,34 @@ class Motion:
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     @property
-    def turning_description(self) -> str:
-        """Description of how body 1 turns, or how the motion was found, and of the error, for a report."""
+    def motion_description(self) -> str:
+        """Text for reports on how body 1 turns or how the motion was computed, with the estimated error of a computed
+        motion.
+        """
         if not self.errors:
             return self.how
         estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals that end at the instants start to stop - 1 and hold a kink or a jump of a function of
-        t.
+        """Count the intervals with a kink or a jump of a function of t among those that end at the instants with the
+        indices start to stop - 1.
         """
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity vector in space [m/s^2]: that of a simulated motion, or the default of the pair."""
+        """Return the gravity vector in space [m/s^2], three floats: that of a simulated motion, otherwise the default
+        (along -z; for a planar pair along -y).
+        """
         if self.simulated:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
 
 
 class LimitCounter:
-    """Counter of the instants at which a coordinate or a rate is past its limits, and its extremes.
+    """Counter of the instants at which a quantity is outside its limits. It also records the least and greatest
+    value.
 
     Args:
         shown: name of the quantity in the sentence.
@@ -117,7 +121,7 @@ class LimitCounter:
         self.least, self.most = math.inf, -math.inf
 
     def add(self, t: Float64Array, values: Float64Array) -> None:
-        """Update counts and extremes with the values at some instants; shape (N,) each."""
+        """Update the counter and the extremes with the values at further instants; t and values have shape (N,)."""
         self.least = float(np.fmin.reduce(values, initial=self.least))
         self.most = float(np.fmax.reduce(values, initial=self.most))
         lower, upper = self._limits
@@ -129,7 +133,9 @@ class LimitCounter:
             self._outside += outside.size
 
     def sentences(self, instant_count: int) -> Iterator[str]:
-        """Yield one sentence if a value was past its limits; `instant_count` is the number of all instants."""
+        """Yield one sentence if any value was outside the limits, otherwise nothing. `instant_count` is the number of
+        all instants, for the sentence.
+        """
         if self._outside:
             lower, upper = self._limits
             yield (
@@ -139,21 +145,23 @@ class LimitCounter:
 
 
 def constant_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
-    """Yield a sentence if angles [rad] look like degrees: whole numbers, the largest of more than two turns."""
+    """Yield one sentence if angles [rad] look like degrees, otherwise nothing. They do if all are whole numbers and
+    the largest exceeds two turns.
+    """
     if angles and all(angle % 1 == 0 for angle in angles) and abs(largest := max(angles, key=abs)) > 4 * math.pi:
         yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
 
 
 def kink_sentences(kink_count: int) -> Iterator[str]:
-    """Yield one sentence that `kink_count` intervals hold kinks or jumps of functions of t; nothing for 0."""
+    """Yield one sentence that `kink_count` intervals contain kinks or jumps of functions of t; nothing for 0."""
     if kink_count:
         where = f"{kink_count} interval{'s' * (kink_count != 1)}"
         yield f"kinks or jumps in {where}; derivatives there are those from the right"
 
 
 def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield one sentence that counts the instants with forces that are not finite; nothing if all are finite.
-    `arrays` are the forces by name.
+    """Yield one sentence with the number of instants at which any force is not finite; nothing if all are finite.
+    `arrays` holds the forces by name, the instants along the first axis.
     """
     finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
     lost = int((~np.logical_and.reduce(finite)).sum())
@@ -162,10 +170,12 @@ def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
 
 
 def turns_about(sequence: str) -> str:
-    """Return a phrase on the axes that Euler angles turn body 1 about."""
+    """Return a phrase for reports that names the axes of the Euler angles of body 1, from letters such as XYZ."""
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"
 
 
 def massive(pair: HingePair | PlanarPair) -> HingePair:
-    """Return the pair in space, with the masses of its bodies."""
+    """Return a HingePair with the dynamics of a pair: a PlanarPair is converted by its method `massive`, a HingePair
+    is returned unchanged.
+    """
     return pair.massive() if isinstance(pair, PlanarPair) else pair

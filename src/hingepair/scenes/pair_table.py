@@ -19,14 +19,18 @@ Made = TypeVar("Made")
 
 
 def _read_inertia(table: Table, key: str) -> Any:
-    """Return the inertia of a key as 3 x 3 numbers, from three principal moments or a matrix."""
+    """Return the inertia under a key as a 3 x 3 array or nested list of numbers, from three principal moments or a
+    matrix. Raise a SceneError for another shape.
+    """
     entries = table.values[key]
     diagonal = isinstance(entries, list) and not any(isinstance(row, list) for row in entries)
     return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
-    """Return the shapes (Box, Cylinder, Sphere) of a body, in the order of the file."""
+    """Return the shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file. Raise a
+    SceneError unless they are a list of valid tables.
+    """
     shape_tables = table.values[key]
     if not isinstance(shape_tables, list) or not all(isinstance(shape, dict) for shape in shape_tables):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
@@ -37,24 +41,28 @@ def _read_shapes(table: Table, key: str) -> list[Shape]:
 
 
 def _read_shape(table: Table) -> Shape:
-    """Return the Box, Cylinder or Sphere of a table, which has exactly one of the keys box, cylinder, sphere."""
-    named = [kind for kind in _SHAPE_SPEC_BY_KIND if kind in table.values]
+    """Return the Box, Cylinder or Sphere of a table. Raise a SceneError unless it has exactly one of the keys box,
+    cylinder, sphere.
+    """
+    named = [kind for kind in _CLASS_AND_KEY_READERS_BY_SHAPE_KIND if kind in table.values]
     if len(named) != 1:
-        table.refuse("", f"one of {', '.join(_SHAPE_SPEC_BY_KIND)}", ", ".join(named) or "none of them")
+        table.refuse(
+            "", f"one of {', '.join(_CLASS_AND_KEY_READERS_BY_SHAPE_KIND)}", ", ".join(named) or "none of them"
+        )
     (kind,) = named
-    make, size, keys = _SHAPE_SPEC_BY_KIND[kind]
+    make, size, keys = _CLASS_AND_KEY_READERS_BY_SHAPE_KIND[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
-    return made(table, make, {size: values.pop(kind), **values})
+    return construct_from_table(table, make, {size: values.pop(kind), **values})
 
 
 def read_body(table: Table, key: str) -> Body:
-    """Read mass properties and shapes from the table below a key."""
+    """Return the Body (mass properties and shapes) of the table below a key."""
     own = table.table(key)
-    return made(own, Body, own.read(BODY_KEY_READERS))
+    return construct_from_table(own, Body, own.read(READER_BY_BODY_KEY))
 
 
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
-_SHAPE_SPEC_BY_KIND: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
+_CLASS_AND_KEY_READERS_BY_SHAPE_KIND: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,
@@ -63,25 +71,25 @@ _SHAPE_SPEC_BY_KIND: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
-BODY_KEY_READERS: Final[Mapping[str, Key]] = {
+READER_BY_BODY_KEY: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers_key(3),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_BODY1_AND_BODY2_READERS: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_READER_BY_BODY_NAME: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
-_ROBOT_HINGE_KEY_READERS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_READER_BY_ROBOT_HINGE_KEY: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
-_PLANAR_PAIR_KEY_READERS: Final[Mapping[str, Key]] = {
+_READER_BY_PLANAR_PAIR_KEY: Final[Mapping[str, Key]] = {
     "u1": numbers_key(2),
     "u2": numbers_key(2),
     "name": Table.text,
-    **_BODY1_AND_BODY2_READERS,
+    **_READER_BY_BODY_NAME,
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
-PAIR_KEY_READERS: Final[Mapping[str, Key]] = {
+READER_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
     **{
         "u1": numbers_key(3),
         "u2": numbers_key(3),
@@ -89,38 +97,44 @@ PAIR_KEY_READERS: Final[Mapping[str, Key]] = {
         "home": Table.rotation,
         "limits": numbers_key(2),
     },
-    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODY1_AND_BODY2_READERS},
+    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_READER_BY_BODY_NAME},
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-SPATIAL_PAIR_TABLE_KEYS: Final = (*PAIR_KEY_READERS, *_ROBOT_HINGE_KEY_READERS)
+SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_BY_SPATIAL_PAIR_KEY, *_READER_BY_ROBOT_HINGE_KEY)
 """Keys that the table [pair] of a pair in space may have."""
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """Return the HingePair or PlanarPair of the table [pair]; its name is that of the file unless given."""
+    """Return the HingePair or PlanarPair of the table [pair], which describes it or names a robot's hinge. Its name
+    is the stem of the file's name unless the table has a name. Raise a SceneError for bad keys or values.
+    """
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return made(table, PlanarPair, name | table.read(_PLANAR_PAIR_KEY_READERS, ("u1", "u2")))
+        return construct_from_table(table, PlanarPair, name | table.read(_READER_BY_PLANAR_PAIR_KEY, ("u1", "u2")))
     table.check_keys(SPATIAL_PAIR_TABLE_KEYS)
-    if not table.values.keys() & _ROBOT_HINGE_KEY_READERS:
-        return made(table, HingePair, name | table.read(PAIR_KEY_READERS, ("u1", "u2", "n")))
+    if not table.values.keys() & _READER_BY_ROBOT_HINGE_KEY:
+        return construct_from_table(
+            table, HingePair, name | table.read(READER_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n"))
+        )
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_ROBOT_HINGE_KEY_READERS, **_BODY1_AND_BODY2_READERS}:
+        if key not in {**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
-    values = table.read({**_ROBOT_HINGE_KEY_READERS, **_BODY1_AND_BODY2_READERS}, _ROBOT_HINGE_KEY_READERS)
+    values = table.read({**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}, _READER_BY_ROBOT_HINGE_KEY)
     return replace(
-        made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEY_READERS}), **values
+        construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _READER_BY_ROBOT_HINGE_KEY}),
+        **values,
     )
 
 
 def pair_expressions(
     table: Table, planar: bool, symbolic_constants: Collection[str] = ()
 ) -> dict[str, tuple[Any, ...]]:
-    """Return u1, u2, n (of length 1) and home of the table [pair] by name, as tuples of exact SymPy expressions.
+    """Return u1, u2, n (scaled to length 1) and home of the table [pair] as a dict of tuples of exact SymPy
+    expressions. Leave out keys that the table does not have, and an axis n in plain numbers.
 
-    What the table does not have is left out, such as all of a robot's hinge, and so is an axis in plain numbers.
+    Of a robot's hinge all are left out.
 
     Args:
         table: the table [pair].
@@ -142,7 +156,9 @@ def pair_expressions(
     return written
 
 
-def made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
-    """Make something of the values of a table; errors name the key that a refused argument came from."""
+def construct_from_table(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
+    """Call `make` with the values as keyword arguments and return its result. Convert an ArgumentError into a
+    SceneError that names the table's key.
+    """
     with table.naming():
         return make(**values)

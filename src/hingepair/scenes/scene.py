@@ -52,35 +52,37 @@ _PAIR_SCENE_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "ou
 """Keys and tables that the file of a scene of a pair may have."""
 _MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
-_DERIVATIVE_ORDER_BY_SCENE_OUTPUT = {
+_DERIVATIVE_ORDER_BY_OUTPUT_STEM = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
 }
 """Derivatives that an output needs, by its name without the number of the body; others need none."""
 COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
-"""Outputs of a scene that are not of the equations: its coordinates, all or psi alone, and their derivatives."""
+"""Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
 _ATTITUDE_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-ADDITIONAL_SCENE_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_BY_QUATERNION_OUTPUT)
+COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_BY_QUATERNION_OUTPUT)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneResult(Frozen, Result):
-    """A scene evaluated: `t`, `state`, every attribute of the state (R2, S2, d, v2, ...), and the coordinates.
+    """Results of a pair's scene at its instants: `t`, the `state`, every attribute of the state (R2, S2, d, v2,
+    ...), and the coordinates.
 
-    q, qd, qdd have shape (samples, 7), in the plane (samples, 4); psi, psid, psidd (samples,). Where the attitude of
-    body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and psi, qd is v1,
-    omega1 and psi', and qdd is a1, alpha1 and psi''. quat1 and quat2, (samples, 4), are the quaternions (x, y, z, w),
-    w >= 0, of S1 and S2. What the motion does not have is None, as is what no output needed.
+    q, qd and qdd have shape (samples, 7), in the plane (samples, 4); psi, psid and psidd have shape (samples,). If
+    the attitude of body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and
+    psi; qd is v1, omega1 and psi'; qdd is a1, alpha1 and psi''. quat1 and quat2, shape (samples, 4), are the
+    quaternions (x, y, z, w), w >= 0, of S1 and S2. An output is None if it was not requested or the motion does not
+    have it.
 
     Attributes:
         t: instants; shape (samples,) s.
         state: the PairState, or PlanarState, at these instants.
-        scene: where it comes from.
+        scene: the Scene that was evaluated.
         known: the motion that the state was computed from.
-        names: the outputs that were asked for; None for everything about body 2, and the hinge angle.
-        first: number of the first instant; 0 but for blocks.
+        names: names of the requested outputs; None for all outputs of body 2, and the hinge angle.
+        first: index of the first instant; 0 except in blocks.
     """
 
     t: NDArray[np.float64]
@@ -89,7 +91,14 @@ class SceneResult(Frozen, Result):
     known: KnownMotion
     names: tuple[str, ...] | None
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {"chosen", "energy", "first", "known", "momentum", "names"}
+    _inner: ClassVar[frozenset[str]] = Result._inner | {
+        "requested_arrays",
+        "energy",
+        "first",
+        "known",
+        "momentum",
+        "names",
+    }
 
     @property
     def described(self) -> str:
@@ -101,28 +110,29 @@ class SceneResult(Frozen, Result):
         """The files of the scene, which `save` refuses to overwrite."""
         return self.scene.files
 
-    def chosen(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs as arrays by name; shape (samples, ...).
-
-        Of q, qd, qdd, quat1 and quat2 each component is an array of its own, named as in a log.
+    def requested_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the requested outputs as a dict of arrays by name, shape (samples, ...). Each component of q, qd,
+        qdd, quat1 and quat2 is a separate array, named like the column of a log. If no outputs were requested, return
+        all computed outputs, and psi with its known derivatives.
         """
         names, state = self.names, self.state.arrays()
         if names is None:
             names = (*state, *(name for name in ("psi", "psid", "psidd") if _output_level(name) <= self.known.level))
         arrays: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
         for name in names:
-            components = self._components(name) if name in ADDITIONAL_SCENE_OUTPUT_NAMES else {}
+            components = self._components(name) if name in COORDINATE_AND_QUATERNION_OUTPUT_NAMES else {}
             arrays |= {
                 key: components[key] for key in components if key.partition("_")[0] not in arrays
             }  # v1 has v1_x already
         return arrays
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs and the coordinates, by name; shape (samples, ...)."""
-        return self.chosen() | self.known.coordinates()
+        """Return the requested outputs and the coordinates as a dict of arrays by name; shape (samples, ...)."""
+        return self.requested_arrays() | self.known.coordinates()
 
     def energy(self) -> Energy:
-        """Compute the kinetic and potential Energy at the instants (D7), in the scene's gravity.
+        """Compute the kinetic and potential Energy [J] of the pair at the instants (D7), in the scene's gravity;
+        return an Energy. Raise an ArgumentError if mass properties or second derivatives are missing.
 
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
@@ -131,7 +141,8 @@ class SceneResult(Frozen, Result):
         return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular Momentum at the instants (D8), where both bodies have mass properties.
+        """Compute the linear and angular Momentum of the pair at the instants (D8); return a Momentum. Raise an
+        ArgumentError if mass properties of a body or second derivatives are missing.
 
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
@@ -140,13 +151,17 @@ class SceneResult(Frozen, Result):
         return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
     def _motion_in_space(self) -> MotionByBody1:
-        """Return the motion as MotionByBody1; raise ArgumentError if it has no second derivatives."""
+        """Return the motion of the result in space as a MotionByBody1. Raise an ArgumentError if it has no second
+        derivatives.
+        """
         if self.known.level < ACCELERATION:
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
         return self.known.in_space(self.scene.pair)
 
     def _components(self, name: str) -> dict[str, NDArray[np.float64]]:
-        """Return the columns of q, qd, qdd, psi, psid, psidd, quat1 or quat2 by name; empty if not computed."""
+        """Return the components of the output `name` (q, qd, qdd, psi, psid, psidd, quat1 or quat2) as a dict of
+        arrays (samples,) by column name; empty if the output was not computed.
+        """
         if name in _ATTITUDE_BY_QUATERNION_OUTPUT:
             S = getattr(self.state, _ATTITUDE_BY_QUATERNION_OUTPUT[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
@@ -159,7 +174,7 @@ class SceneResult(Frozen, Result):
         )
 
     def __getattr__(self, name: str) -> Any:
-        if name in ADDITIONAL_SCENE_OUTPUT_NAMES:
+        if name in COORDINATE_AND_QUATERNION_OUTPUT_NAMES:
             components = [*self._components(name).values()]
             return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
@@ -170,7 +185,7 @@ class SceneResult(Frozen, Result):
         return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
-        """Return the names of the attributes that this result can compute, for `dir` and messages."""
+        """Return the names of the attributes and methods that this result can compute, for `dir` and messages."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
@@ -180,17 +195,19 @@ class SceneResult(Frozen, Result):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene(SampledScene):
-    """A pair, its motion, and the instants at which the motion is computed, as a scene file describes them.
+    """Scene of a pair: the pair, its motion, and the instants at which the motion is computed, as read from a scene
+    file.
 
     Attributes:
-        path: the file it came from.
-        title: what it is, in a sentence.
-        pair: the pair, a HingePair or, in the plane, a PlanarPair.
-        motion: where the motion comes from; knows the instants.
-        outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
-        constants: the named numbers of the file.
-        files: the files that the scene was read from, as absolute paths: its own and that of its log.
-        tables: what stands in the file, in which expressions are as they were written.
+        path: path of the scene file.
+        title: title of the scene, a sentence.
+        pair: the HingePair, or for a planar scene the PlanarPair.
+        motion: the motion of the pair and its instants.
+        outputs: names of the outputs that `evaluate` computes by default; None for all outputs of body 2 that the
+            motion allows.
+        constants: constants of the file by name.
+        files: absolute paths of the files that the scene was read from: the scene file and the log, if any.
+        tables: contents of the file; expressions are kept as text.
     """
 
     path: Path
@@ -209,7 +226,7 @@ class Scene(SampledScene):
         """Return the Sheet that prints the scene: title, and rows of name, value and unit."""
         rows = [
             ("pair", self.pair.name, ""),
-            ("motion", f"{self.motion.origin}; {self.motion.turning_description}", ""),
+            ("motion", f"{self.motion.origin}; {self.motion.motion_description}", ""),
             ("instants", str(self.samples), ""),
             ("t", self.span, "s"),
             ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
@@ -219,12 +236,12 @@ class Scene(SampledScene):
 
     @property
     def space(self) -> HingePair:
-        """The pair in space."""
+        """The pair as a HingePair; a PlanarPair is converted by `to_spatial`."""
         return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
 
     @property
     def kind(self) -> MotionKind:
-        """Whether the outputs are those of a plane or of space."""
+        """The kind of motion, SPATIAL_MOTION or PLANAR_MOTION, which says which outputs exist."""
         return SPATIAL_MOTION if isinstance(self.pair, HingePair) else PLANAR_MOTION
 
     @property
@@ -233,8 +250,10 @@ class Scene(SampledScene):
         return self.motion.source.sequence
 
     def beside(self, level: int) -> tuple[str, ...]:
-        """Return the additional output names that exist in space or in the plane, up to a derivative order."""
-        names = ADDITIONAL_SCENE_OUTPUT_NAMES if self.kind == SPATIAL_MOTION else COORDINATE_OUTPUT_NAMES
+        """Return the names of the coordinate outputs, and in space of the quaternion outputs, that need derivatives
+        of order `level` at most.
+        """
+        names = COORDINATE_AND_QUATERNION_OUTPUT_NAMES if self.kind == SPATIAL_MOTION else COORDINATE_OUTPUT_NAMES
         return tuple(name for name in names if _output_level(name) <= level)
 
     @property
@@ -244,7 +263,8 @@ class Scene(SampledScene):
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
-        """The SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi, by name; in the plane of x, y, phi, psi.
+        """SymPy expressions of the coordinates by name: x, y, z, phi_x, phi_y, phi_z, psi, in the plane x, y, phi,
+        psi. A coordinate that goes through way points is None.
 
         None for a coordinate that goes through way points.
 
@@ -254,7 +274,8 @@ class Scene(SampledScene):
         return self.functions().expressions()
 
     def functions(self) -> FunctionsOfTime:
-        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them.
+        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them. Raise an ArgumentError if
+        the motion is not defined by functions of t.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
@@ -268,8 +289,8 @@ class Scene(SampledScene):
         return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Return (q, qd, qdd), the coordinates and their exact derivatives at any instants: tuples with one entry per
-        coordinate.
+        """Return (q, qd, qdd): the coordinates and their exact derivatives at any instants t, each a tuple with one
+        array or float per coordinate. Raise an ArgumentError if the motion is not defined by functions of t.
 
         Args:
             t: instants [s]; shape (...).
@@ -285,13 +306,15 @@ class Scene(SampledScene):
         return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute the pair's state at the scene's instants; return a SceneResult.
+        """Compute outputs of the pair at all instants of the scene; return a SceneResult. Raise an ArgumentError for
+        outputs that the motion does not allow, or too many instants.
 
         Args:
-            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
-                R2, phi2, d, v2, omega2, a2, alpha2, of the coordinates q, qd, qdd, psi, psid, psidd, and in space of
-                the quaternions quat1, quat2; those of the scene file unless given, and without these everything about
-                body 2 that the motion allows. Only the derivatives that the outputs need are computed.
+            outputs: names of outputs. In space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1,
+                and the quaternions quat1, quat2. In the plane: R2, phi2, d, v2, omega2, a2, alpha2. In both: the
+                coordinates q, qd, qdd, psi, psid, psidd. By default the outputs that the scene file names; if it
+                names none, all outputs of body 2 that the motion allows. Only the derivatives that the outputs need
+                are computed.
 
         Raises:
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
@@ -299,19 +322,20 @@ class Scene(SampledScene):
         """
         return self._evaluate_rows(slice(len(self.times())), self._check_outputs(outputs))
 
-    def sampled(self, most: int, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute the pair's state at `most` instants at most, evenly spread; return a SceneResult.
+    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
+        """Compute outputs of the pair at `max_instants` evenly spread instants, or at all if there are fewer; return
+        a SceneResult whose motion has all derivatives of the scene.
 
         Args:
-            most: how many.
+            max_instants: largest number of instants.
             outputs: as for `evaluate`.
         """
-        return self._evaluate_rows(self.spread(most), self._check_outputs(outputs), self.motion.level)
+        return self._evaluate_rows(self.spread(max_instants), self._check_outputs(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
-        """Yield a SceneResult for each 131,072 instants in turn, for motions longer than memory.
+        """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
 
-        The motion that a piece comes from, `known`, has rates where the scene has any.
+        The `known` motion of each block has first derivatives if the scene's motion has them.
 
         Args:
             outputs: as for `evaluate`.
@@ -324,7 +348,9 @@ class Scene(SampledScene):
             yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
-        """Return the SceneResult at the instants `rows`; its motion has derivatives at least up to `min_order`."""
+        """Return the SceneResult of the outputs `names` (None: the default) at the instants with the indices `rows`.
+        Its `known` motion has derivatives at least up to `min_order`.
+        """
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
         known_motion = self.motion.source.part(rows, max(order, min_order))
@@ -336,7 +362,7 @@ class Scene(SampledScene):
         return SceneResult(t, state, self, known_motion, names, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
-        """Return a ScenePlan, whose text says what `evaluate` computes, what it leaves out, and why.
+        """Return the ScenePlan of `evaluate`: its text lists what is computed and what is skipped, and why.
 
         Args:
             outputs: as for `evaluate`.
@@ -347,23 +373,27 @@ class Scene(SampledScene):
         state_outputs, order = self._needed_outputs_and_order(self._check_outputs(outputs))
         return explain(self.pair, self.motion.source.part(slice(1), order), state_outputs, self.motion.level)
 
-    def cross_validate(self, most: int | None = None) -> CrossValidation:
-        """Compare the equations of body 2's motion with Pinocchio; return a CrossValidation.
+    def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
+        """Compare the equations of body 2's motion with Pinocchio; return a CrossValidation. Raise a
+        MissingDependencyError if Pinocchio is not installed.
 
-        Of a motion by [dynamics] the loads are compared with the forces that the motion takes by Pinocchio's `rnea`,
-        as far as loads alone give them, and the rates with the slopes of what they are the rates of. A note says
-        where the motion itself is further off than the bound of the comparison, by its own estimate.
+        For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
+        the loads are compared with the forces that Pinocchio's `rnea` computes from the motion. The rates are
+        compared with the slopes of the quantities that they are the rates of. A note says if the estimated error of
+        the motion itself exceeds the bound of the comparison.
 
         Args:
-            most: so many instants at most, evenly spread; all unless given. The slopes are those of all instants.
+            max_instants: largest number of instants to compare, evenly spread; all instants by default. The slopes
+                are computed from all instants.
 
         Returns:
-            A `CrossValidation` (hingepair.validation.report), its `.forces` and `.rates` those of a simulated motion.
+            A `CrossValidation` (hingepair.validation.report). `.forces` and `.rates` are filled for a simulated
+            motion.
 
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
-        rows = slice(len(self.times())) if most is None else self.spread(most)
+        rows = slice(len(self.times())) if max_instants is None else self.spread(max_instants)
         report = self.motion.source.part(rows, self.motion.level).cross_validate(self.pair)
         report = replace(report, notes=self._error_notes(report.u))
         motion = self.motion.simulated
@@ -385,7 +415,9 @@ class Scene(SampledScene):
         return replace(report, forces=forces, rates=rates)
 
     def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return sentences on errors of the motion that are unknown or exceed the comparison's bound; u: roundoff."""
+        """Return sentences for a comparison with Pinocchio: on errors of the motion that are unknown, or that exceed
+        the bound of the comparison. `u` is the unit roundoff.
+        """
         from hingepair.pair.accuracy import PINOCCHIO_BOUND_ROUNDOFFS
 
         estimates = {unit: error() for unit, error in self.motion.errors.items()}
@@ -400,47 +432,60 @@ class Scene(SampledScene):
         return tuple(notes)
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the scene's motion requires (D1-D5), at its instants; return SceneForces.
+        """Compute the forces that the scene's motion requires at its instants (D1-D5); return a SceneForces. Raise
+        an ArgumentError if mass properties of body 2 or accelerations are missing.
 
         Args:
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). Unless given, that
-                of [dynamics], or 9.81 along -z, in the plane along -y.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
+                gravity of [dynamics], otherwise 9.81 along -z, in the plane along -y.
 
         Returns:
-            A `SceneForces` (hingepair.scenes.forces), whose attributes are: hinge_torque [N m], shape (N,), about the
-            hinge axis, bearing_torque [N m], (N, 3), across it, and hinge_force [N], (N, 3): what body 1 exerts on
-            body 2 at the hinge point; force1 and torque1: what must act on body 1 at R1, where it has mass
-            properties. World axes. In the plane forces have two components, torques one, and there is no bearing
-            torque. Of a motion by [dynamics] the loads on body 2 are not asked of the hinge again, and hinge_torque
-            is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as far as
-            they act. `.gravity` is the gravity that was taken, `.notes` are sentences on instants without finite
-            forces, on the torque_limit of the pair and on the noise of a log, `.noise` has the standard deviation
-            that this noise causes in each array.
+            A `SceneForces` (hingepair.scenes.forces) with these attributes, vectors in world axes:
+
+            - hinge_force [N], (N, 3): force of body 1 on body 2 at the hinge point;
+            - hinge_torque [N m], (N,): torque of body 1 on body 2 about the hinge axis;
+            - bearing_torque [N m], (N, 3): torque of body 1 on body 2 perpendicular to the axis;
+            - force1 [N] and torque1 [N m], (N, 3): the load that must act on body 1 at R1, if it has mass properties;
+            - gravity: the gravity that was used;
+            - notes: sentences on forces that are not finite, on the torque_limit of the pair and on the noise of a
+            log; - noise: standard deviation that the noise of a log causes in each array.
+
+            In the plane, forces have two components, torques one, and there is no bearing torque. If [dynamics]
+            simulates the motion, the loads on body 2 are subtracted, since the hinge need not supply them, and
+            hinge_torque is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as
+            far as they act.
 
         Raises:
-            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
-                gravity of its own.
+            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given
+                although [dynamics] has a gravity of its own.
         """
         from hingepair.scenes.forces import pair_scene_forces
 
         return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for readers of the results: on psi past its limits, kinks and doubtful units."""
+        """Return sentences for readers of the results: on psi and its rate outside their limits, kinks, and constants
+        that look like degrees. The whole motion is evaluated for this.
+        """
         notes = self.note_collector()
         for part in self.blocks(("psi",)):
             notes.add(part)
         return notes.sentences()
 
     def note_collector(self) -> SceneNotes:
-        """Return what gathers the notes from pieces of the motion."""
+        """Return a SceneNotes, which collects notes from blocks of results."""
         return SceneNotes(self)
 
     def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the outputs as a tuple; refuse one that the motion does not have. None means those of the file."""
+        """Return the output names as a tuple; None returns the default outputs of the scene. Raise an ArgumentError
+        for an output that does not exist or that the motion does not allow.
+        """
         if outputs is None:
             return self.outputs
-        names, level = check_outputs(outputs, (*self.kind.levels, *ADDITIONAL_SCENE_OUTPUT_NAMES)), self.motion.level
+        names, level = (
+            check_outputs(outputs, (*self.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES)),
+            self.motion.level,
+        )
         known_names = *(name for name in self.kind.levels if _output_level(name) <= level), *self.beside(level)
         for name in names:
             if name not in known_names:
@@ -449,7 +494,9 @@ class Scene(SampledScene):
         return names
 
     def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return the equations' outputs that the names need (None: all), and the derivative order they need."""
+        """Return (outputs, order): the outputs of the equations that the names need, None for all, and the highest
+        derivative order that the names need.
+        """
         if names is None:
             return None, self.motion.level
         equation_outputs = (
@@ -459,7 +506,9 @@ class Scene(SampledScene):
 
 
 class SceneNotes:
-    """Collector of notes on a pair's scene that is evaluated in blocks: limits, kinks, doubtful units."""
+    """Collector of notes on a pair's scene that is evaluated in blocks: on passed limits, kinks and constants that
+    look like degrees.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -469,14 +518,14 @@ class SceneNotes:
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
-        """Update the counts of passed limits and of kinks with one block of results."""
+        """Update the counts of passed limits and kinks with one block of results; the blocks must come in order."""
         self._kinks += self._scene.motion.count_kinks(part.first, part.first + len(part.t))
         self._psi.add(part.t, part.known.psi)
         if self._psid is not None:
             self._psid.add(part.t, part.known.hinge_angle(1))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all blocks that were added, as sentences."""
+        """Return the notes on all added blocks as a tuple of sentences, followed by the notes of the motion."""
         motion, samples = self._scene.motion, self._scene.samples
         least, most = self._psi.least, self._psi.most
         sentences = [
@@ -493,17 +542,25 @@ class SceneNotes:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Return the Scene of a pair, or the MechanismScene, that a TOML file describes; its format: docs/scenes.md.
+    """Read a TOML scene file and return a Scene (of a pair) or a MechanismScene (of a robot). docs/scenes.md
+    describes the format. Raise a SceneError if the file cannot be read as a scene.
+
+    Args:
+        path: path of the scene file. Paths in the file are relative to its folder.
+
+    Returns:
+        A Scene or a MechanismScene; `.evaluate()` computes the outputs at its instants.
 
     Raises:
-        SceneError: the file cannot be read as a scene; names file, table and key, in one line.
-        MissingDependencyError: the pair or the mechanism is a robot's, and example-robot-data is not installed.
+        SceneError: the file cannot be read as a scene. The message names the file, the table and the key in one line.
+        MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
     """
     return scene_of(load_tables(path), path)
 
 
 def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Return the Scene or MechanismScene that tables of a file describe; paths in them are relative to its folder.
+    """Return the Scene or MechanismScene that the tables of the scene file at `path` define. Paths in the tables are
+    relative to its folder. Raise a SceneError for tables that define no scene.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -528,7 +585,8 @@ def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismSc
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """Return the pair of a scene file, which needs no motion.
+    """Read the pair of a scene file, which need not have a motion; return a HingePair or PlanarPair. Raise a
+    SceneError if the file cannot be read or is the scene of a mechanism.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -537,7 +595,8 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
-    """Return the Mechanism of a scene file, which needs no motion; None where the scene is that of a pair.
+    """Read the mechanism of a scene file, which need not have a motion; return a Mechanism, or None if the scene is
+    that of a pair. Raise a SceneError if the file cannot be read.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -551,7 +610,8 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
 
 
 def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
-    """Return the DynamicsSetup of a scene file's table [dynamics], not simulated; None where there is none.
+    """Read the table [dynamics] of a scene file without simulating it; return a DynamicsSetup, or None if there is no
+    such table. Raise a SceneError if the file cannot be read.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -563,16 +623,19 @@ def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Return the tables of a scene file, with its constants evaluated.
+    """Read a scene file and evaluate its constants; return a Table. Raise a SceneError for a file that cannot be
+    read, an unknown table or a bad constant.
 
     Raises:
         SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
     """
-    return with_constants(read_tables(path))
+    return with_constants_evaluated(read_tables(path))
 
 
-def with_constants(tables: Table) -> Table:
-    """Return the tables with `constants` evaluated from [motion.constants]; refuse unknown tables.
+def with_constants_evaluated(tables: Table) -> Table:
+    """Return a copy of a scene's tables whose attribute `constants` holds the evaluated constants of
+    [motion.constants]. Raise a SceneError for an unknown table, a sweep's file, or a constant that cannot be
+    evaluated.
 
     Raises:
         SceneError: an unknown table, or a constant that is none; names it.
@@ -603,7 +666,7 @@ def with_constants(tables: Table) -> Table:
 
 
 def _is_of_mechanism(tables: Table) -> bool:
-    """Return whether a scene is that of a mechanism, and not of a pair."""
+    """Return whether the tables are those of a mechanism's scene; otherwise they are those of a pair's."""
     return not tables.values.keys().isdisjoint({"mechanism", "joint"})
 
 
@@ -614,7 +677,9 @@ def _read_pair(tables: Table) -> HingePair | PlanarPair:
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Return the Motion that [motion], [dynamics] and [time] describe; a log's path is relative to `folder`."""
+    """Return the Motion that the tables [motion], [dynamics] and [time] define. The path of a log is relative to
+    `folder`. Raise a SceneError for missing or bad tables.
+    """
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
         from hingepair.scenes.simulated_motion import read_simulated_motion
@@ -638,7 +703,8 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the paths of the files that a scene is read from: its own, and those of its URDF file and its log.
+    """Return the paths of the files that a scene is read from: the scene file, and its URDF file and log if any.
+    Raise a SceneError if the scene file cannot be read.
 
     Raises:
         SceneError: the file cannot be read.
@@ -653,5 +719,5 @@ def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
 
 
 def _output_level(output: str) -> int:
-    """Return the order of the derivatives that an output needs."""
-    return _DERIVATIVE_ORDER_BY_SCENE_OUTPUT.get(output.rstrip("12"), POSE)
+    """Return the derivative order (0, 1 or 2) that an output needs, by its name."""
+    return _DERIVATIVE_ORDER_BY_OUTPUT_STEM.get(output.rstrip("12"), POSE)

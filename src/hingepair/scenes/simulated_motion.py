@@ -49,12 +49,14 @@ _HINGE_LOAD_KEYS: Final = (
 """Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
 _BODY1_START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 """Keys of [dynamics] for the state of body 1 at the first instant."""
-_KEY_BY_SIMULATE_ARGUMENT: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
+_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
 """Keys by the arguments of `simulate` that they become."""
 
 
 def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
-    """Return the numbers of the keys as a list, or a callable of (t, psi, psi') that returns them."""
+    """Return the values of the keys: a list of floats, or, if any is an expression in t, psi or psid, a callable of
+    (t, psi, psid) that returns all values. Raise a SceneError for a value that is neither.
+    """
     constants = {**table.constants, **dict.fromkeys(_HINGE_VARIABLE_NAMES, 0.0)}
     expressions = []
     for key in keys:
@@ -72,14 +74,16 @@ def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
 
 
 def _read_hinge_torque(table: Table, key: str) -> Any:
-    """Read a torque at the hinge, or in the plane: a number, or a callable of (t, psi, psi')."""
+    """Return the torque under a key, about the hinge or in the plane: a float, or a callable of (t, psi, psid). Raise
+    a SceneError for any other value.
+    """
     torque = _read_hinge_functions(table, (key,))
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]
 
 
 def _read_load(table: Table, key: str, component_count: int) -> Any:
-    """Return a load on a body: a list of numbers, or a callable of (t, now), where `now` is the state of the motion
-    at t. One component means a torque in the plane.
+    """Return the force or torque on a body under a key: a list of floats, or a callable of (t, now), where `now` is
+    the motion at t. With `component_count` 1, a torque in the plane, the list is a single float.
     """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
@@ -94,18 +98,24 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
 
 
 def _read_stops(table: Table, key: str) -> Any:
-    """Read stops: two angles, or true for the limits of the pair."""
+    """Return the stops under a key: a tuple of two angles [rad], or True if the key holds true, which means the
+    limits of the pair. Raise a SceneError for other values.
+    """
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
 def _read_instants(table: Table, key: str) -> list[Any]:
-    """Read instants, as many as there are."""
+    """Return the list of instants [s], of any length, under a key. Raise a SceneError unless it is a list of
+    numbers.
+    """
     value = table.values[key]
     return table.numbers(key, len(value) if isinstance(value, list) else 1)
 
 
 def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
-    """Return the readers of the keys of [dynamics]; `dimension` is 2 in the plane and 3 in space."""
+    """Return a dict from each key of the table [dynamics] to the function (table, key) that reads its value.
+    `dimension` is 2 for a planar pair and 3 in space.
+    """
     vector, turn = numbers_key(dimension), Table.number if dimension == 2 else numbers_key(3)
     force, torque = (
         partial(_read_load, component_count=dimension),
@@ -125,17 +135,17 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
 
 
 SPATIAL_DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
-"""What the table [dynamics] may hold in space."""
+"""Keys that the table [dynamics] of a pair in space may have."""
 
 
 class DynamicsSetup(NamedTuple):
-    """Values of the table [dynamics], sorted into the arguments of `HingeLoad` and of `simulate`.
+    """Values of the table [dynamics] of a scene, sorted into arguments of `HingeLoad` and of `simulate`.
 
     Attributes:
         base: "free", "pinned", "fixed" or "prescribed".
-        body1: where body 1 starts; None of a base that is prescribed.
-        hinge: arguments of a `HingeLoad` by name, but for its motor.
-        others: arguments of `simulate` by name, as far as they are given.
+        body1: motion of body 1 at the first instant; None if the base is prescribed.
+        hinge: arguments of a `HingeLoad` by name, except its motor.
+        others: the other arguments of `simulate` by name, as far as the table has them.
         keys: the keys of the table.
     """
 
@@ -147,7 +157,9 @@ class DynamicsSetup(NamedTuple):
 
 
 def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
-    """Return the DynamicsSetup of the table [dynamics], checked against the pair; nothing is simulated."""
+    """Return the DynamicsSetup of the table [dynamics] without simulating it. Raise a SceneError for bad keys or
+    values, and for stops = true if the pair has no limits.
+    """
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
     base = others.pop("base", SIMULATION_BASE_NAMES[0])
@@ -169,7 +181,9 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
 
 
 def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
-    """Simulate the motion that [dynamics], [motion] and [time] describe, and return it as a Motion."""
+    """Simulate the motion that the tables [dynamics], [motion] and [time] define and return it as a Motion. Raise a
+    SceneError for bad values, missing mass properties, or a simulation that cannot be continued.
+    """
     kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
         if getattr(pair, name) is None:
@@ -184,7 +198,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
     t = read_instants_array(time)
     angles = arguments.pop("psi_0", 0.0), arguments.pop("psid_0", 0.0)
     try:
-        with table.naming(**_KEY_BY_SIMULATE_ARGUMENT), warnings.catch_warnings():
+        with table.naming(**_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "psi (leaves|passes)", DynamicsWarning)  # the scene's notes say it
             torque = HingeLoad(motor=arguments.pop("hinge_torque", 0.0), **hinge)
             simulated = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **arguments)
@@ -206,7 +220,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
 
 
 def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionByBody1 | MotionByCoordinates:
-    """Return a simulated motion as a MotionByBody1, in the plane as a MotionByCoordinates."""
+    """Return a simulated motion with its derivatives as a MotionByBody1, in the plane as a MotionByCoordinates."""
     hinge = simulated.psi, simulated.psid, simulated.psidd
     if isinstance(simulated, SimulatedMotion):
         return MotionByBody1(simulated.body1, hinge)
@@ -218,7 +232,9 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
-    """Return the BodyMotion of body 1 at the first instant; by default at rest at the origin."""
+    """Return the motion of body 1 at the first instant as a BodyMotion in space, from the start values of [dynamics]
+    by key. Values that are missing mean rest at the origin.
+    """
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
         S: Any = rotation_exp((0, 0, start_values.get("phi_0", 0.0)))
@@ -230,7 +246,9 @@ def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) 
 
 
 def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
-    """Return a callable of t that gives the BodyMotion of body 1 by the coordinates of [motion]."""
+    """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
+    in the table [motion]. Raise a SceneError for bad coordinates.
+    """
     names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])
 

@@ -22,11 +22,11 @@ MAX_DOTTED_KEY_PARTS: Final = 16
 """Largest number of parts of a dotted key; the time to read one grows with its square."""
 
 # One part of a dotted key, bare or in quotes, and the dot behind it; possessive, so that time stays linear.
-_KEY_PART_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
+_DOTTED_KEY_PART_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
 
 # Line and column in a message of the TOML parser.
 _TOML_ERROR_POSITION_PATTERN = re.compile(r"\(at line (\d+), column (\d+)\)")
-_TOML_VALUE_PATTERN = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
+_TOML_BARE_VALUE_PATTERN = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
 # Bare text with a letter or an operator: an expression whose quotes are missing.
 _UNQUOTED_EXPRESSION_PATTERN = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
@@ -37,23 +37,27 @@ _shown.maxlist = 9
 
 @dataclass(eq=False)
 class NamedSource:
-    """Base of Table and Log: a file, or a table in it, and the errors that name it."""
+    """Base class of Table and Log: a file, or a table in it, whose methods raise errors that name the file, the table
+    and the key.
+    """
 
     file: str
     name: str
 
     def label(self, key: str) -> str:
-        """Return `file: table.key`, for messages."""
+        """Return the text `file: table.key` that names a key in messages."""
         shown = key if key.isprintable() else repr(key)
         return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
 
     def refuse(self, key: str, expected: str, got: object) -> NoReturn:
-        """Refuse what a key has."""
+        """Raise a SceneError on a key with the expected value and the value that was found."""
         raise SceneError(self.label(key), expected, got) from None
 
     @contextlib.contextmanager
     def naming(self, key: str = "", **keys: str) -> Iterator[None]:
-        """Convert an ArgumentError in the `with` block into a SceneError on keys[argument], or else on `key`."""
+        """Return a context manager that converts an ArgumentError raised in its block into a SceneError with the
+        file, the table and a key: keys[argument name], else `key`, else the name of the argument.
+        """
         try:
             yield
         except SceneError:
@@ -69,41 +73,49 @@ class NamedSource:
 
 @dataclass(eq=False)
 class Table(NamedSource):
-    """One table of a scene file; the file's own keys stand in the table without a name.
+    """One table of a scene file, with its values and the constants that its expressions may use. The table without a
+    name holds the top-level keys of the file.
 
     Attributes:
-        values: what it holds.
-        constants: numbers that expressions may name, or SymPy expressions of numbers.
+        values: values by key, as the TOML parser returns them.
+        constants: values by name of the constants that expressions may use: numbers, or SymPy expressions of
+            numbers.
     """
 
     values: dict[str, Any]
     constants: Mapping[str, Any]
 
     def read(self, keys: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """Return the values of keys that are there or required, each by its reader; refuse all other keys."""
+        """Return a dict of the values of those `keys` that the table has or that are `required`, each read by its
+        function. Raise a SceneError for any other key of the table.
+        """
         self.check_keys(keys)
         return {key: read(self, key) for key, read in keys.items() if key in self.values or key in required}
 
     def check_keys(self, known_keys: Collection[str]) -> None:
-        """Refuse the table if it has a key outside `known_keys`; the message suggests the nearest known key."""
+        """Raise a SceneError if the table has a key outside `known_keys`. The message suggests the nearest
+        known key.
+        """
         for key in self.values:
             if key not in known_keys:
                 self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), "an unknown key")
 
     def fail(self, key: str, expected: str) -> NoReturn:
-        """Refuse the value of a key, or its absence."""
+        """Raise a SceneError on the value of a key, or on its absence, with the text `expected`."""
         self.refuse(key, expected, describe_value(self.values[key]) if key in self.values else "nothing")
 
     def table(self, key: str, *, required: bool = True) -> Table:
-        """Return the table below a key; an empty one where the key is absent and not required."""
+        """Return the table below a key as a Table. If the key is absent, return an empty one, or raise a SceneError
+        if it is required.
+        """
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
             self.fail(key, f"a table [{f'{self.name}.' if self.name else ''}{key}]")
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, variables: str) -> Table:
-        """Return the list of a key as a Table with keys key[0], key[1], ...; refuse another length than `count`, with
-        the `variables` of its expressions in the message.
+        """Return the list under a key as a Table with the keys key[0], key[1], .... Raise a SceneError unless its
+        length is `count`, 2 or 3. `variables` names the variables of its expressions for the message.
         """
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
@@ -111,7 +123,9 @@ class Table(NamedSource):
         return replace(self, values={f"{key}[{i}]": entry for i, entry in enumerate(value)})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return the text of a key, or the default where the key is absent; refuse an empty text."""
+        """Return the text under a key, with runs of blanks reduced to one, or the default if the key is absent. Raise
+        a SceneError for any other value and for an empty text.
+        """
         value = self.values.get(key, default)
         text = " ".join(value.split()) if isinstance(value, str) else ""
         if not text or not text.isprintable():
@@ -119,25 +133,31 @@ class Table(NamedSource):
         return text
 
     def flag(self, key: str) -> bool:
-        """Return the boolean of a key; False where the key is absent."""
+        """Return the boolean under a key; False if the key is absent. Raise a SceneError for any other value."""
         value = self.values.get(key, False)
         if not isinstance(value, bool):
             self.fail(key, "true or false")
         return value
 
     def choice(self, key: str, allowed_names: Sequence[str], default: str | None = None) -> str:
-        """Return the text of a key, one of `allowed_names`; where it is absent the default or else the first name."""
+        """Return the text under a key; if it is absent, the default, or the first allowed name without a default.
+        Raise a SceneError unless it is one of `allowed_names`.
+        """
         value = self.text(key, default or allowed_names[0])
         with self.naming(key):
             check_choice(key, value, allowed_names)
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Return the finite number of a key, or of an expression without t; the default where the key is absent."""
+        """Return the number or the constant expression under a key as a finite float; the default, if given, if the
+        key is absent. Raise a SceneError for any other value.
+        """
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
-        """Return the finite numbers of a key as nested lists of the shape given by the further arguments."""
+        """Return the finite numbers under a key as nested lists of floats; the further arguments are the shape. Raise
+        a SceneError for another shape or another value.
+        """
         value: Any = self.values.get(key)
         if not _has_shape(value, shape):
             self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers")
@@ -145,8 +165,8 @@ class Table(NamedSource):
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the number of a key as an exact SymPy expression, or nested lists of these of the shape that further
-        arguments give; `symbolic_constants` stay symbols.
+        """Return the number under a key as an exact SymPy expression, or nested lists of expressions if a shape is
+        given. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for another value.
 
         Args:
             key: the key.
@@ -156,7 +176,9 @@ class Table(NamedSource):
         from hingepair.symbolic.exact_constants import exact
 
         def exactly(value: Any, number: Any) -> Any:
-            """Return the exact expression of a text or number, or nested lists of such; `number` is its float."""
+            """Return a text or a number as an exact SymPy expression, or nested lists of them as nested lists of
+            expressions. `number` is the float, or nested list of floats, that equals `value`.
+            """
             if isinstance(value, list):
                 return [exactly(*both) for both in zip(value, number, strict=True)]
             return (
@@ -166,7 +188,8 @@ class Table(NamedSource):
         return exactly(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
 
     def rotation(self, key: str) -> list[list[float]]:
-        """Return the rotation matrix of a key as three rows of three floats, exact entries rounded once.
+        """Return the rotation matrix under a key as three rows of three floats; exact entries are rounded once. Raise
+        a SceneError for a value that is no rotation's description.
 
         It is written as a matrix, as { axis, deg | rad }, or as { rpy_deg | rpy }.
         """
@@ -178,7 +201,8 @@ class Table(NamedSource):
         return [entries[:3], entries[3:6], entries[6:]]
 
     def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
-        """Return the nine entries of a key's rotation matrix, row by row, as exact SymPy expressions.
+        """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
+        expressions. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for a bad value.
 
         Args:
             key: the key.
@@ -224,7 +248,9 @@ class Table(NamedSource):
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
-        """Return a key's value as a finite float: a number, or an expression in constants of the scene."""
+        """Return `value`, a number or an expression in the scene's constants, as a finite float. Raise a SceneError
+        on the key for any other value.
+        """
         if isinstance(value, str):
             from hingepair.symbolic.kinks import constant_value
 
@@ -235,7 +261,9 @@ class Table(NamedSource):
             self.fail(key, "a finite number")
 
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the SymPy expression of a text without t; `symbolic_constants` name constants that stay symbols."""
+        """Return a text without t, parsed as a SymPy expression. The constants named in `symbolic_constants` stay
+        symbols, others become numbers. Raise a SceneError on the key if it cannot be parsed.
+        """
         from hingepair.symbolic.expressions import parse_constant
 
         with self.naming(key):
@@ -247,12 +275,15 @@ Key: TypeAlias = Callable[[Table, str], Any]
 
 
 def numbers_key(*shape: int) -> Key:
-    """Return a reader of finite numbers of a given shape."""
+    """Return a reader: a function of (table, key) that returns the finite numbers under the key as nested lists of
+    the given shape.
+    """
     return lambda table, key: table.numbers(key, *shape)
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
-    """Return the tables of a TOML file as one Table, without evaluated constants.
+    """Read a TOML file and return its contents as one Table without constants. Raise a SceneError for a file that
+    cannot be read, is too large, or is not TOML.
 
     Raises:
         SceneError: no such file, not to be read, too large, no UTF-8, no TOML.
@@ -289,13 +320,16 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def _toml_error(file: str, text: str, reason: str) -> SceneError:
-    """Return the SceneError of a text that is no TOML, with the line, a caret, and a hint on the likely intention."""
+    """Return a SceneError on a text that is not valid TOML, from the parser's message `reason`. It shows the line
+    with a caret and suggests a correction.
+    """
     place = _TOML_ERROR_POSITION_PATTERN.search(reason)
     if place is None:
         return SceneError(file, "valid TOML", reason)
     column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
     value = next(
-        (match for match in _TOML_VALUE_PATTERN.finditer(line) if match.start() < column <= match.end() + 1), None
+        (match for match in _TOML_BARE_VALUE_PATTERN.finditer(line) if match.start() < column <= match.end() + 1),
+        None,
     )
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
@@ -308,7 +342,7 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
 
 
 def describe_value(value: object) -> str:
-    """Return a value of a file as one short line of text, for messages."""
+    """Return a value of a scene file as one short line of text for messages, shortened if it is long."""
     try:
         return "a table" if isinstance(value, dict) else _shown.repr(value)
     except ValueError:  # Python writes no integer of more than 4,300 digits
@@ -322,9 +356,11 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 
 
 def _check_key_parts(file: str, text: str) -> None:
-    """Refuse a text with a dotted key of too many parts, for which the TOML reader would take too long."""
+    """Raise a SceneError for a text with a dotted key of more than MAX_DOTTED_KEY_PARTS parts, which the TOML parser
+    would take too long to read.
+    """
     end, parts = 0, 0
-    for part in _KEY_PART_PATTERN.finditer(text):
+    for part in _DOTTED_KEY_PART_PATTERN.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1
         end = part.end()
         if parts > MAX_DOTTED_KEY_PARTS:

@@ -22,18 +22,23 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 
-PROFILE_NAMES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
+WAY_POINT_PROFILE_NAMES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
 """Names of the curves from one waypoint to the next."""
 MAX_WAY_POINTS: Final = 200
 """Largest number of waypoints of one coordinate."""
-_COEFFICIENTS_BY_PROFILE: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
+_UNIT_POLYNOMIAL_COEFFS_BY_PROFILE: Final = {
+    "linear": (0, 1),
+    "cubic": (0, 0, 3, -2),
+    "quintic": (0, 0, 0, 10, -15, 6),
+}
 """Coefficients of the way from 0 to 1 in the time from 0 to 1."""
-_ROUNDING_REL_TOLERANCE: Final = 1e-9  # relative: smaller jumps and excesses are rounding
+_JUMP_AND_LIMIT_REL_TOLERANCE: Final = 1e-9  # relative: smaller jumps and excesses are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
-    """Piecewise polynomial function of time, constant before its first and after its last break.
+    """Piecewise polynomial function of time through way points. It is constant before the first and after the last
+    break.
 
     Attributes:
         breaks: where one polynomial ends and the next begins; shape (m,) s.
@@ -45,7 +50,9 @@ class WayPoints:
     coefficients: Float64Array
 
     def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
-        """Return (value, first derivative, ...) up to `order` at t, t's shape each; at breaks from the right."""
+        """Return (value, first derivative, ...) up to `order` at t, a tuple of arrays of t's shape. Derivatives at a
+        break are those from the right.
+        """
         times = np.asarray(t, dtype=np.float64)
         piece = np.searchsorted(self.breaks, times, side="right") - 1
         index = np.maximum(piece, 0)
@@ -54,20 +61,24 @@ class WayPoints:
         return derivatives[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in derivatives[1:])
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return for each interval between neighbouring instants whether it holds a kink; shape (N - 1,)."""
+        """Return for each interval between neighbouring instants whether it contains a break where the first or
+        second derivative jumps; shape (N - 1,).
+        """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         places = np.searchsorted(t, self.breaks, side="left") - 1
         switched[places[(places >= 0) & (places < switched.size) & self._kinked_breaks()]] = True
         return switched
 
     def max_abs_derivative(self, order: int) -> float:
-        """Return the largest absolute value of the derivative of an order over all time."""
+        """Return the largest absolute value that the derivative of the given order has at any time."""
         derived, largest = _derived(self.coefficients, order), 0.0
         for polynomial_coefficients, length in zip(derived, np.diff(self.breaks), strict=False):
             slope = np.polynomial.Polynomial(polynomial_coefficients).deriv()
             roots = slope.roots() if np.any(slope.coef) else np.empty(0)
             inner = roots.real[
-                (np.abs(roots.imag) < _ROUNDING_REL_TOLERANCE * length) & (roots.real > 0) & (roots.real < length)
+                (np.abs(roots.imag) < _JUMP_AND_LIMIT_REL_TOLERANCE * length)
+                & (roots.real > 0)
+                & (roots.real < length)
             ]
             at = np.concatenate(([0.0, length], inner))
             largest = max(
@@ -90,14 +101,15 @@ class WayPoints:
             derived = _derived(self.coefficients, k)
             after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
             most = (np.abs(derived[:-1]) * lengths[:, None] ** np.arange(derived.shape[1])).sum(axis=1).max()
-            kinked |= np.abs(after - before) > _ROUNDING_REL_TOLERANCE * most
+            kinked |= np.abs(after - before) > _JUMP_AND_LIMIT_REL_TOLERANCE * most
         return kinked
 
 
 def interpolate_way_points(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
-    """Return WayPoints through values at increasing instants t; refuse limits that the profile exceeds.
+    """Return WayPoints through values at increasing instants t, with one of the WAY_POINT_PROFILE_NAMES. Raise an
+    ArgumentError if the profile needs a larger rate or acceleration than `speed` and `acceleration` allow.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)
@@ -109,14 +121,14 @@ def interpolate_way_points(
     pieces = (
         _spline_coefficients(t, values)
         if profile == "spline"
-        else _profile_coefficients(t, values, _COEFFICIENTS_BY_PROFILE[profile])
+        else _profile_coefficients(t, values, _UNIT_POLYNOMIAL_COEFFS_BY_PROFILE[profile])
     )
     way_points = _with_constant_end(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
         if profile == "linear" and k == 2 and limit < math.inf:
             raise ArgumentError(name, "no such limit of a linear profile, whose speed jumps", limit)
         largest = way_points.max_abs_derivative(k)
-        if largest > limit * (1 + _ROUNDING_REL_TOLERANCE):
+        if largest > limit * (1 + _JUMP_AND_LIMIT_REL_TOLERANCE):
             expected = f"at least {largest:.6g}, which this profile needs between these points"
             raise ArgumentError(name, expected, limit)
     return way_points
@@ -125,7 +137,9 @@ def interpolate_way_points(
 def _profile_coefficients(
     t: Float64Array, values: Float64Array, unit_coefficients: tuple[float, ...]
 ) -> Float64Array:
-    """Return coefficients of the polynomials between points, from those of one that goes from 0 to 1 in unit time."""
+    """Return the coefficients of the polynomials between neighbouring points, lowest power first; shape (m - 1,
+    degree + 1). `unit_coefficients` are those of the polynomial that goes from 0 to 1 in unit time.
+    """
     powers = np.diff(t)[:, None] ** np.arange(len(unit_coefficients))
     coefficients: Float64Array = np.diff(values)[:, None] * np.array(unit_coefficients) / powers
     coefficients[:, 0] = values[:-1]
@@ -133,12 +147,16 @@ def _profile_coefficients(
 
 
 def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
-    """Return coefficients of the spline of degree 5 through points, without rate or acceleration at both ends."""
+    """Return the coefficients, lowest power first, shape (m - 1, 6), of the spline of degree 5 through points. Its
+    first and second derivative are 0 at both ends.
+    """
     h, m, size = np.diff(t), len(t) - 1, 6
     ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
 
     def derivative_row(piece: int, order: int, end: int) -> Float64Array:
-        """Return a row of the linear system: the derivative of an order at one end (0 or 1) of a piece."""
+        """Return the row of the linear system for the derivative of an order (0: the value) of one polynomial at its
+        start (`end` 0) or its end (1).
+        """
         equation = np.zeros((m, size))
         equation[piece] = ends[order][end]
         return equation.ravel()
@@ -158,7 +176,9 @@ def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
 
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
-    """Return WayPoints that stop at each point and between two accelerate, cruise at constant rate and brake."""
+    """Return WayPoints that stop at each point and between two points accelerate, cruise at constant rate and brake.
+    Raise an ArgumentError if the limits allow no such motion.
+    """
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):
         time, way = stop - start, values[i + 1] - values[i]
@@ -175,14 +195,19 @@ def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, a
 
 
 def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_value: float) -> WayPoints:
-    """Return the WayPoints of polynomials, with a constant one appended that stays at `last_value`."""
+    """Return the WayPoints of the given breaks and polynomials, with a constant polynomial of value `last_value`
+    appended after the last break.
+    """
     still = np.zeros((1, coefficients.shape[1]))
     still[0, 0] = last_value
     return WayPoints(breaks, np.concatenate((coefficients, still)))
 
 
 def _ramp_time(interval_text: str, duration: float, distance: float, speed: float, acceleration: float) -> float:
-    """Return the duration of acceleration [s], equal to that of braking; refuse limits that allow no such motion."""
+    """Return the duration [s] of acceleration, equal to that of braking, on a trapezoid over `distance` in
+    `duration`. Raise an ArgumentError if the limits allow no such motion; `interval_text` names the interval in the
+    message.
+    """
     if distance == 0:
         return duration / 3
     longest = min(duration / 2, duration - distance / speed)  # the cruising speed is way / (time - ramp)
@@ -200,10 +225,14 @@ def _ramp_time(interval_text: str, duration: float, distance: float, speed: floa
 
 
 def _derived(coefficients: Float64Array, k: int) -> Float64Array:
-    """Return coefficients of the k-th derivative of polynomials."""
+    """Return the coefficients of the k-th derivatives of polynomials; coefficients are along the last axis, lowest
+    power first.
+    """
     return np.asarray(polynomial.polyder(coefficients, k, axis=-1))
 
 
 def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
-    """Return the value of each polynomial at its own x; shapes (..., degree + 1) and (...)."""
+    """Return the value of each polynomial at the entry of x that belongs to it; shapes (..., degree + 1) and
+    (...).
+    """
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))

@@ -32,7 +32,7 @@ from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.scenes.mechanisms.mechanism_table import with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.pair_table import BODY_KEY_READERS, made
+from hingepair.scenes.pair_table import READER_BY_BODY_KEY, construct_from_table
 from hingepair.scenes.tables import Table
 
 _MAX_MASS_PROPERTY: Final = 1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
@@ -136,7 +136,9 @@ class PayloadVariantComputer:
         loaded = result if program is None else replace(result, forces=program.compute(self._mass_moments(numbers)))
         variants_and_samples = (len(numbers), len(result.t))
         arrays = {}
-        for (name, array), unloaded in zip(loaded.chosen().items(), result.chosen().values(), strict=True):
+        for (name, array), unloaded in zip(
+            loaded.requested_arrays().items(), result.requested_arrays().values(), strict=True
+        ):
             by_variant = array if array.ndim > unloaded.ndim else array[None]
             arrays[name] = np.broadcast_to(by_variant, (*variants_and_samples, *unloaded.shape[1:]))
         return result.t, arrays
@@ -260,6 +262,8 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
-    values = table.read(BODY_KEY_READERS, ("mass",))
+    values = table.read(READER_BY_BODY_KEY, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
-    return _VariedPayload(made(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied)
+    return _VariedPayload(
+        construct_from_table(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied
+    )

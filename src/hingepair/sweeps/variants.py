@@ -20,11 +20,11 @@ from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_pay
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import (
-    ADDITIONAL_SCENE_OUTPUT_NAMES,
+    COORDINATE_AND_QUATERNION_OUTPUT_NAMES,
     COORDINATE_OUTPUT_NAMES,
     Scene,
     scene_of,
-    with_constants,
+    with_constants_evaluated,
 )
 from hingepair.scenes.tables import Key, Table, numbers_key
 from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_computer
@@ -116,7 +116,7 @@ class VariantComputer:
         self._path, self._keys = Path(path), keys
         self._tables = Table(path, "", values, {})
         self._outputs = None if outputs is None else tuple(outputs)
-        self._scene = scene_of(with_constants(self._tables), path)
+        self._scene = scene_of(with_constants_evaluated(self._tables), path)
         self._motion_unaffected = _is_motion_unaffected(self._scene, keys)
         self._payload_computer: PayloadVariantComputer | None = None
         self._unloaded_robot: Mechanism | None = None  # the robot without payload, where nothing else is varied
@@ -180,7 +180,7 @@ class VariantComputer:
             here[steps[-1]] = number
         tables = replace(self._tables, values=values)
         if not self._motion_unaffected:
-            return scene_of(with_constants(tables), self._path)
+            return scene_of(with_constants_evaluated(tables), self._path)
         tables = replace(tables, constants=self._scene.tables.constants)
         if isinstance(self._scene, Scene):
             return replace(self._scene, pair=read_pair(tables.table("pair"), tables.flag("planar")), tables=tables)
@@ -223,13 +223,13 @@ def _compute_pair_outputs(
     """Return instants [s] and outputs by name, forces included; None for `outputs` means all of the motion."""
     force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
     motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
-    known = (*scene.kind.levels, *ADDITIONAL_SCENE_OUTPUT_NAMES, *PAIR_FORCE_OUTPUT_NAMES)
+    known = (*scene.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES, *PAIR_FORCE_OUTPUT_NAMES)
     for name in outputs or ():
         if name not in known:
             raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
     arrays: dict[str, NDArray[Any]] = {}
     if motion_names is None or motion_names:
-        arrays |= scene.evaluate(motion_names).chosen()
+        arrays |= scene.evaluate(motion_names).requested_arrays()
     if force_names:
         if scene.motion.level < ACCELERATION:
             scene.tables.refuse("motion", "a motion with accelerations, which forces need", scene.motion.origin)
@@ -246,4 +246,4 @@ def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
     """Return instants [s] and outputs by name of a robot's scene; None for `outputs` means all of them."""
-    return scene.t, scene.evaluate(outputs).chosen()
+    return scene.t, scene.evaluate(outputs).requested_arrays()

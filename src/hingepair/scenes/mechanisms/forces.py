@@ -15,12 +15,12 @@ from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
-from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_RATIO, LogNoise, finite_rms, noise_rows
+from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_TO_RMS, LogNoise, finite_rms, noise_rows
 from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
-from hingepair.scenes.mechanisms.joint_motion import DERIVATIVE_SUFFIXES, KnownJointMotion
+from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_ORDER, KnownJointMotion
 from hingepair.scenes.motion import non_finite_sentences
 
-_FORCE_TABLE_HEADINGS = (
+_JOINT_LOAD_TABLE_HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
     *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
 )
@@ -29,23 +29,25 @@ _FORCE_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """Extremes of a joint's motion and effort beside the joint's limits, which are infinite where there are none.
+    """Summary of one joint of a mechanism over all instants: extremes of effort, position and rate beside the joint's
+    limits, and the noise of the effort. A missing limit is infinite.
 
     Attributes:
-        joint: its name.
+        joint: name of the joint.
         kind: "hinge" or "slider".
-        rms: root mean square of the motor's torque [N m], of a slider force [N]; NaN where none is finite.
-        largest: largest size of it.
-        t_of_largest: when [s].
-        effort_limit: largest size that the motor gives.
-        beyond: number of instants at which it is more.
-        t_of_first: the first of them [s]; NaN where there is none.
+        rms: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value
+            is finite.
+        largest: largest absolute value of the effort.
+        t_of_largest: instant of the largest effort [s].
+        effort_limit: largest absolute value of the effort that the joint allows.
+        beyond: number of instants at which the effort exceeds effort_limit.
+        t_of_first: the first of these instants [s]; NaN if there are none.
         position: least and greatest coordinate [rad or m].
-        position_limits: of it.
-        rate: largest size of the rate [rad/s or m/s].
-        rate_limit: of it.
+        position_limits: limits of the coordinate.
+        rate: largest absolute value of the rate [rad/s or m/s].
+        rate_limit: limit of the absolute value of the rate.
         noise: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN
-            where there is no log.
+            without a log.
     """
 
     joint: str
@@ -64,23 +66,24 @@ class JointLoad:
 
     @property
     def unit(self) -> str:
-        """The unit of what the motor gives."""
+        """Unit of the joint's effort: N m for a hinge, N for a slider."""
         return "N m" if self.kind == "hinge" else "N"
 
     @property
     def use(self) -> float:
-        """The largest size as a share of the limit; NaN where there is no limit."""
+        """The largest effort as a fraction of the effort limit; NaN without a limit."""
         return self.largest / self.effort_limit if math.isfinite(self.effort_limit) else math.nan
 
 
 class MechanismSceneForces(Record):
-    """Joint efforts and base forces over the instants of a scene: `.tau`, `.force1`, `.torque1`, tables and files.
+    """Joint efforts and base forces at the instants of a mechanism's scene: `tau`, `force1`, `torque1`, and `loads`,
+    a summary of each joint. They print as a table and can be saved to a file.
 
     Args:
-        tau: motors' torques and forces; shape (N, dof).
-        gravity: acceleration of free fall that they were computed with [m/s^2]; shape (3,).
-        loads: of each joint with a coordinate of its own, beside its limits.
-        notes: sentences that a reader should know.
+        tau: joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
+        gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,).
+        loads: a JointLoad for each joint that has a coordinate of its own.
+        notes: sentences for readers of the forces.
         record: the arguments of a `Record`.
     """
 
@@ -106,7 +109,8 @@ class MechanismSceneForces(Record):
 
 
 class JointLogNoise(NamedTuple):
-    """Joint samples of a log, from which the noise of the log and its effect on torques are estimated.
+    """Joint samples of a log, from which the noise of the log and the effect of the noise on joint efforts are
+    estimated.
 
     Attributes:
         robot: the mechanism.
@@ -123,7 +127,8 @@ class JointLogNoise(NamedTuple):
     derived: tuple[str, ...]
 
     def torque_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
-        """Return the standard deviation that noise of the log causes in each joint torque, and a note on it.
+        """Return (deviations, note): the standard deviation that noise of the log causes in each joint effort, shape
+        (dof,) [N m or N], and a sentence on the noise.
 
         Args:
             gravity: acceleration of free fall [m/s^2]; shape (3,).
@@ -139,11 +144,11 @@ class JointLogNoise(NamedTuple):
         for column, joint in enumerate(self.robot.tree.coordinates):
             if joint.name not in self.moving:
                 continue
-            names = tuple(joint.name + rate for rate in DERIVATIVE_SUFFIXES)
+            names = tuple(joint.name + rate for rate in JOINT_COLUMN_SUFFIXES_BY_ORDER)
             length = "rad" if joint.kind == "hinge" else "m"
             units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(self.middle.column(order, column) for order in range(len(names)))
-            for order, noisy_values in enumerate(log.added_to_column(names, values)):
+            for order, noisy_values in enumerate(log.column_with_noise_added(names, values)):
                 derivatives[order][column] = noisy_values
         noisy = replace(self.middle, derivatives=tuple(map(tuple, derivatives)))
         base = self.middle.base
@@ -154,7 +159,7 @@ class JointLogNoise(NamedTuple):
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
         note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-        if (noise > SMOOTHING_HINT_NOISE_RATIO * finite_rms(tau)).any():
+        if (noise > SMOOTHING_HINT_NOISE_TO_RMS * finite_rms(tau)).any():
             note += "; hp.smooth(t, q) finds the rates of a noisy column"
         return noise, note
 
@@ -166,8 +171,8 @@ def mechanism_scene_forces(
     record: Mapping[str, Any],
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
-    """Return the MechanismSceneForces that a known motion requires. `record` has further arguments of a Record;
-    `noise`, if not None, estimates the noise of a log.
+    """Return the MechanismSceneForces that a motion of a robot requires. `record` has further arguments of a Record.
+    `noise`, if not None, estimates the effect of the noise of a log.
 
     Args:
         robot: the mechanism.
@@ -194,9 +199,13 @@ def mechanism_scene_forces(
 
 
 def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
-    """Return the rows of a table of joint loads, headings first, as text; an infinite limit is an empty cell."""
+    """Return the rows of the table of joint loads as a list of tuples of texts, headings first. An infinite limit is
+    an empty cell.
+    """
     logged = any(math.isfinite(load.noise) for load in loads)
-    rows: list[tuple[str, ...]] = [(*_FORCE_TABLE_HEADINGS, "by noise") if logged else _FORCE_TABLE_HEADINGS]
+    rows: list[tuple[str, ...]] = [
+        (*_JOINT_LOAD_TABLE_HEADINGS, "by noise") if logged else _JOINT_LOAD_TABLE_HEADINGS
+    ]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = (
@@ -220,7 +229,9 @@ def _limit_text(value: float) -> str:
 def _summarize_joint(
     joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
-    """Return the JointLoad of one joint: extremes of its finite torques, positions and rates, beside its limits."""
+    """Return the JointLoad of one joint: extremes of its effort `tau` (N,), positions and rates, beside its limits.
+    Values that are not finite are left out.
+    """
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
     if finite.any():
@@ -246,7 +257,9 @@ def _summarize_joint(
 
 
 def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
-    """Yield one sentence if a joint requires more than its effort limit at some instants; else nothing."""
+    """Yield one sentence if a joint's effort exceeds its limit at some instants, otherwise nothing. `instant_count`
+    is the number of all instants.
+    """
     if load.beyond:
         yield (
             f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "

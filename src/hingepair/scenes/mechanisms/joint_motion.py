@@ -28,18 +28,19 @@ from hingepair.scenes.tables import Table
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
 
-DERIVATIVE_SUFFIXES: Final = ("", "d", "dd")
-"""What is behind a joint's name in the columns of a log, by the order of the derivative."""
+JOINT_COLUMN_SUFFIXES_BY_ORDER: Final = ("", "d", "dd")
+"""Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
 BASE_COORDINATE_KEYS: Final = COORDINATE_NAMES[:-1]
-"""The coordinates of the base, in the table [base]."""
+"""Keys of the table [base] for the coordinates of the base."""
 _MOTION_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
-_PLACEHOLDER_PAIR: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_BASE_AS_BODY1_PAIR: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
 
 
 class JointCoordinates(NamedTuple):
-    """Coordinates of all joints at some instants, in the order of the mechanism's names; None where not known.
+    """Coordinates (q, qd, qdd) of all joints at some instants, in the order of the mechanism's names; unknown
+    derivatives are None.
 
     Attributes:
         q: shape (N, dof) rad or m.
@@ -54,10 +55,10 @@ class JointCoordinates(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a mechanism, their known derivatives and the motion of its base, at some instants.
+    """Coordinates of a mechanism's joints, their known derivatives and the motion of its base, at some instants.
 
     Attributes:
-        names: of the joints, in order.
+        names: names of the joints, in order.
         count: number of instants.
         derivatives: (q[, qd[, qdd]]), tuples of one entry per joint: arrays of shape (count,), floats for what does
             not change.
@@ -71,21 +72,23 @@ class KnownJointMotion:
 
     @property
     def level(self) -> int:
-        """The highest derivative that is known."""
+        """Order of the highest known derivative: 0, 1 or 2."""
         return len(self.derivatives) - 1
 
     def column(self, order: int, joint: int) -> Float64Array:
-        """Return one joint's coordinate, or a derivative of it; shape (count,)."""
+        """Return the coordinate (`order` 0) of the joint with the index `joint`, or its derivative; shape
+        (count,).
+        """
         return np.broadcast_to(np.asarray(self.derivatives[order][joint], dtype=np.float64), (self.count,))
 
     def array(self, order: int) -> Float64Array:
-        """Return the coordinates of all joints, or a derivative of them; shape (count, dof)."""
+        """Return the coordinates (`order` 0) of all joints, or their derivatives; shape (count, dof)."""
         columns = [self.column(order, joint) for joint in range(len(self.names))]
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
     def arguments(self) -> tuple[Any, ...]:
-        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: a dict by joint name each, in which a float is a
-        known constant.
+        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: for each a dict by joint name, in which a float
+        is a constant. A robot without joints has arrays of shape (count, 0) instead.
         """
         if not self.names:
             return tuple(np.zeros((self.count, 0)) for _ in self.derivatives)
@@ -96,25 +99,30 @@ class KnownJointMotion:
 
 
 class JointMotionSource(Protocol):
-    """Protocol of the joint coordinates at all instants of a scene; `part` returns them at some of these."""
+    """Protocol of the joint coordinates at all instants of a scene. `part` returns the coordinates at some of the
+    instants.
+    """
 
     @property
     def level(self) -> int:
-        """The highest derivative that there is."""
+        """Order of the highest derivative that there is: 0, 1 or 2."""
 
     def part(self, rows: Rows, order: int, /) -> Derivatives:
-        """Return (q, qd, qdd) at some of the instants up to an order, a tuple with one entry per joint each."""
+        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
+        or float per joint.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Joint coordinates as functions of t at a scene's instants; joints without a function rest.
+    """Joint coordinates given by functions of t at a scene's instants. A joint without a function stays at its rest
+    position.
 
     Attributes:
         t: instants [s].
-        functions: of the joints that are named.
-        rests: by name, where each joint rests that is not named [rad or m].
-        names: of all joints, in order.
+        functions: functions of t of some joints, by the names of the joints.
+        rests: rest position of each joint by name [rad or m].
+        names: names of all joints, in order.
     """
 
     t: Instants
@@ -124,7 +132,9 @@ class JointFunctions:
     level: int = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, one entry per joint each."""
+        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
+        or float per joint.
+        """
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
         derivatives = []
         for k, values in enumerate(moved):
@@ -136,7 +146,7 @@ class JointFunctions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Joint coordinates at the instants of a log, with the derivatives that are known.
+    """Joint coordinates and their known derivatives at the instants of a log.
 
     Attributes:
         derivatives: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change.
@@ -146,11 +156,13 @@ class JointSamples:
 
     @property
     def level(self) -> int:
-        """The highest derivative that there is."""
+        """Order of the highest derivative that there is: 0, 1 or 2."""
         return len(self.derivatives) - 1
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, one entry per joint each."""
+        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
+        or float per joint.
+        """
         return tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]
@@ -159,25 +171,27 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """Motion of a mechanism's base by functions of t for its position and Euler angles.
+    """Motion of a mechanism's base, given by functions of t for its position and Euler angles.
 
     Attributes:
         functions: of x, y, z, phi_x, phi_y, phi_z [m, rad].
-        sequence: of the angles.
+        sequence: Euler sequence of the angles.
     """
 
     functions: FunctionsOfTime
     sequence: str
 
     def at(self, t: Float64Array, order: int) -> BodyMotion:
-        """Compute the motion of the base at instants, with derivatives up to an order; shape (N,)."""
+        """Return the motion of the base at the instants t as a BodyMotion, with derivatives up to `order`; shape
+        (N,).
+        """
         rows = tuple((*row, 0.0) for row in self.functions.derivatives(t, order))
-        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_PLACEHOLDER_PAIR).body1
+        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_BASE_AS_BODY1_PAIR).body1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """Motion of a mechanism's joints and base at a scene's instants, with its origin and notes for reports.
+    """Motion of a mechanism's joints and base at the instants of a scene, with its origin and notes for reports.
 
     Attributes:
         t: instants [s].
@@ -186,10 +200,10 @@ class JointMotion:
         moving: names of the joints that the scene moves.
         origin: where the motion comes from, in words.
         hint: how to get derivatives that are missing, for messages.
-        functions: of t that it is made of; they know where they switch.
+        functions: functions of t that define the motion; they tell in which intervals they have kinks.
         notes: sentences that every reader of the results should see.
-        derived: names of the rates of a log that were found by finite differences, such as boomdd; None of what is
-            no log.
+        derived: names of the rates of a log that were found by finite differences, such as boomdd; None if it
+            is no log.
     """
 
     t: Instants
@@ -204,18 +218,20 @@ class JointMotion:
 
     @property
     def level(self) -> int:
-        """The highest derivative that there is."""
+        """Order of the highest derivative that there is: 0, 1 or 2."""
         return self.source.level
 
     def part(self, names: tuple[str, ...], rows: Rows, order: int) -> KnownJointMotion:
-        """Return the KnownJointMotion at the instants with the indices `rows`; `names` are all joints in order."""
+        """Return the KnownJointMotion at the instants with the indices `rows`, with derivatives up to `order`.
+        `names` are the names of all joints in order.
+        """
         t = np.asarray(self.t[rows])
         base = None if self.base is None else self.base.at(t, order)
         return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals that end at the instants start to stop - 1 and hold a kink or a jump of a function of
-        t.
+        """Count the intervals with a kink or a jump of a function of t among those that end at the instants with the
+        indices start to stop - 1.
         """
         t = self.t[max(start - 1, 0) : stop]
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
@@ -225,7 +241,9 @@ class JointMotion:
 
 
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
-    """Return the JointMotion of the tables [motion], [base] and [time]; a log's path is relative to `folder`."""
+    """Return the JointMotion that the tables [motion], [base] and [time] define by functions of t or a log. The path
+    of a log is relative to `folder`. Raise a SceneError for bad keys or values.
+    """
     motion, base = tables.table("motion"), _read_base(tables)
     _check_joint_names(motion, robot)
     base_functions = (base.functions,) if base else ()
@@ -246,12 +264,14 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
 
 
 def _check_joint_names(motion: Table, robot: Mechanism) -> None:
-    """Refuse a joint that is named like an option of [motion], or whose log columns are those of another joint."""
+    """Raise a SceneError if a joint has the name of an option of [motion], or a name that makes a column of a log
+    ambiguous.
+    """
     columns = {"t": "the instants"}
     for name in robot.names:
         if name in _MOTION_OPTION_KEYS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
-        for ending in DERIVATIVE_SUFFIXES:
+        for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER:
             column = name + ending
             if column in columns:
                 wanted = f"joints of other names: column {column} of a file holds {columns[column]}"
@@ -260,7 +280,9 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
-    """Return the BaseMotion of the table [base]; None where the file has no such table."""
+    """Return the BaseMotion of the table [base], None if there is no such table. Coordinates that it lacks are 0.
+    Raise a SceneError for bad keys or values.
+    """
     if "base" not in tables.values:
         return None
     table = tables.table("base")
@@ -274,7 +296,9 @@ def _read_base(tables: Table) -> BaseMotion | None:
 
 
 def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
-    """Return the names of the joints that are keys of [motion], in the robot's order; refuse other keys."""
+    """Return the names of the joints that are keys of [motion], in the robot's order. Raise a SceneError for any
+    other key except `constants`.
+    """
     for key in motion.values:
         if key not in robot.names and key != "constants":
             _refuse_joint(motion, key, robot)
@@ -282,7 +306,9 @@ def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 
 def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
-    """Raise a SceneError for a key of [motion] that is no movable joint; the message says why it is none."""
+    """Raise a SceneError for a key of [motion] that is no movable joint. The message says why: it follows another
+    joint, is a link or a fixed joint, or does not exist.
+    """
     joints = robot.tree.joints
     for joint in joints:
         if joint.name == key and joint.mimic is not None:
@@ -298,13 +324,17 @@ def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
 
 
 def _rests(robot: Mechanism) -> dict[str, float]:
-    """Return where each joint rests: at 0, or at the limit that is closest to 0."""
+    """Return the rest position of each joint [rad or m] by name: 0, or the limit closest to 0 if 0 is outside the
+    limits.
+    """
     limits = robot.position_limits.tolist()
     return {name: min(max(0.0, least), most) for name, (least, most) in zip(robot.names, limits, strict=True)}
 
 
 def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
-    """Return the JointMotion of a log whose columns are joint names, with d and dd behind the name for rates."""
+    """Return the JointMotion of a log with a column for each joint, whose rates have columns named with the suffixes
+    d and dd. Derivatives are computed from it if the table asks for it. Raise a SceneError for bad columns.
+    """
     completed = table.flag("differentiate")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and not completed:
@@ -314,7 +344,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
-        names = tuple(joint + ending for ending in DERIVATIVE_SUFFIXES)
+        names = tuple(joint + ending for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER)
         present_names = [name for name in names if name in log.columns]
         if present_names:
             part = log.quantity_and_rates(names)
@@ -329,9 +359,9 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     for joint, columns in parts.items():
         if len(columns) <= level:
             wanted = "a column, beside rates of other joints (or differentiate = true)"
-            log.refuse(joint + DERIVATIVE_SUFFIXES[len(columns)], wanted, "no such column")
+            log.refuse(joint + JOINT_COLUMN_SUFFIXES_BY_ORDER[len(columns)], wanted, "no such column")
     derived = tuple(
-        joint + rate for joint in parts for rate in DERIVATIVE_SUFFIXES[1:] if joint + rate in log.derived
+        joint + rate for joint in parts for rate in JOINT_COLUMN_SUFFIXES_BY_ORDER[1:] if joint + rate in log.derived
     )
     rests = _rests(robot)
     rows = tuple(
@@ -345,9 +375,11 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
 
 
 def _joint_log_layout(robot: Mechanism) -> LogLayout:
-    """Return the LogLayout of a robot's log: q, qd and qdd of each joint; hinges have angles."""
+    """Return the LogLayout of a robot's log: one column for each joint's q, qd and qdd. The q of hinges are
+    angles.
+    """
     names = robot.names
-    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in DERIVATIVE_SUFFIXES}
+    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER}
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     angles = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
     written = "run --outputs q,qd,qdd --out FILE writes what is read here"
@@ -356,6 +388,6 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
 
 
 def _plain(column: Float64Array) -> float | Float64Array:
-    """Return a column as one number where it never changes."""
+    """Return a column of an array as it is, or as one float if all its values are equal."""
     column = np.ascontiguousarray(column)
     return float(column[0]) if (column == column[0]).all() else column

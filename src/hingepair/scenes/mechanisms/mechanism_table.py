@@ -16,27 +16,28 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.pair_table import BODY_KEY_READERS, PAIR_KEY_READERS, made
+from hingepair.scenes.pair_table import READER_BY_BODY_KEY, READER_BY_SPATIAL_PAIR_KEY, construct_from_table
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
 _ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
 MECHANISM_TABLE_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
-"""What the table [mechanism] may hold."""
+"""Keys that the table [mechanism] may have."""
 JOINT_CLASS_BY_KIND: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
-"""Kinds of joints of [[joint]] tables."""
-JOINT_TABLE_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEY_READERS if key != "name"))
-"""What a table [[joint]] may hold."""
-_FRAME_KEY_READERS: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
+"""Class of a joint by the kind that its [[joint]] table names."""
+JOINT_TABLE_KEYS: Final = ("name", "parent", "kind", *(key for key in READER_BY_SPATIAL_PAIR_KEY if key != "name"))
+"""Keys that a table [[joint]] may have."""
+_READER_BY_FRAME_KEY: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
 """Keys of a frame and their readers: its link, and its position [m] and attitude in the link."""
 
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
-    """Return the Mechanism of the tables [mechanism] and [[joint]], with its frames and payload.
+    """Return the Mechanism that the tables [mechanism] and [[joint]] define, with its frames and payload. Raise a
+    SceneError for tables that define none.
 
     Args:
-        tables: the file's own.
-        folder: what the path of a URDF file is relative to.
+        tables: top-level table of the scene file.
+        folder: folder that the path of a URDF file is relative to.
 
     Raises:
         SceneError: the tables describe no mechanism; names table and key.
@@ -60,13 +61,15 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
 
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
-    """Return the acceleration of free fall that [mechanism] has [m/s^2]; None where it has none."""
+    """Return the gravity vector of the table [mechanism], three floats [m/s^2]; None if it has no such key."""
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
 
 
 def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
-    """Return the Mechanism of the URDF file, or of the robot of example-robot-data, that [mechanism] names."""
+    """Return the Mechanism of the URDF file or of the robot of example-robot-data that the table [mechanism] names. A
+    path is relative to `folder`. Raise a SceneError for a bad file or name.
+    """
     if "name" in table.values:
         table.fail("name", "no such key beside robot or urdf, which have a name")
     held = table.table("locked", required=False)
@@ -88,7 +91,9 @@ def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
 
 
 def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
-    """Return the Mechanism made of the [[joint]] tables, which may stand in any order; refuse equal names."""
+    """Return the Mechanism of the [[joint]] tables, which may come in any order. Raise a SceneError for equal names,
+    unknown parents, or bad values.
+    """
     joint_tables = tables.values["joint"]
     if (
         not isinstance(joint_tables, list)
@@ -114,7 +119,9 @@ def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
 
 
 def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
-    """Return the name of the parent of a [[joint]] table; None if it has none; refuse an unknown name."""
+    """Return the name of the parent that a [[joint]] table names; None if it names none. Raise a SceneError for a
+    name that is not in `joints`.
+    """
     if "parent" not in table.values:
         return None
     name = table.text("parent")
@@ -125,7 +132,9 @@ def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
 
 
 def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
-    """Return the names of the joints depth-first, siblings by name; refuse parents that form a circle."""
+    """Return the names of the joints in depth-first order, siblings sorted by name. Raise a SceneError if the parents
+    form a cycle.
+    """
     order: list[str] = []
     waiting: list[str | None] = [None]
     while waiting:
@@ -140,23 +149,27 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the HingePair or Slider that a [[joint]] table describes."""
+    """Return the HingePair or Slider of the given name that a [[joint]] table defines. Raise a SceneError for bad
+    keys or values.
+    """
     kind: Any = JOINT_CLASS_BY_KIND[table.choice("kind", tuple(JOINT_CLASS_BY_KIND))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )
-    pair: HingePair | Slider = made(
-        table, kind, {**described.read(PAIR_KEY_READERS, ("u1", "u2", "n")), "name": name}
+    pair: HingePair | Slider = construct_from_table(
+        table, kind, {**described.read(READER_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n")), "name": name}
     )
     return pair
 
 
 def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
-    """Return the Mechanism with the frames of [mechanism.frames], each of which may refer to earlier ones."""
+    """Return a copy of the robot with the frames of [mechanism.frames] added; a frame may refer to earlier ones.
+    Raise a SceneError for a name that is taken, or a bad frame.
+    """
     frames = table.table("frames", required=False)
     for name in frames.values:
         frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_FRAME_KEY_READERS, ("link",))
+        values: dict[str, Any] = frame.read(_READER_BY_FRAME_KEY, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():
@@ -165,14 +178,16 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
 
 
 def with_payload(robot: Mechanism, table: Table) -> Mechanism:
-    """Return the Mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
+    """Return a copy of the robot with the bodies of [mechanism.payload] fixed to the links, joints or frames that
+    their keys name. Raise a SceneError for an unknown name or a bad body.
+    """
     payload = table.table("payload", required=False)
     for link in payload.values:
         described = payload.table(link)
         if "link" in described.values:
             meant = f"[mechanism.payload.{described.text('link')}]"
             described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
-        body = made(described, Body, described.read(BODY_KEY_READERS, ("mass",)))
+        body = construct_from_table(described, Body, described.read(READER_BY_BODY_KEY, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot

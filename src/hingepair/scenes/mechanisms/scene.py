@@ -28,7 +28,7 @@ from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS
 from hingepair.scenes.log_noise import noise_rows
 from hingepair.scenes.mechanisms.forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
-    DERIVATIVE_SUFFIXES,
+    JOINT_COLUMN_SUFFIXES_BY_ORDER,
     JointCoordinates,
     JointMotion,
     KnownJointMotion,
@@ -46,21 +46,21 @@ _DERIVATIVE_ORDER_BY_FRAME_QUANTITY: Final = {
     **dict.fromkeys(("v", "omega"), VELOCITY),
     **dict.fromkeys(("a", "alpha"), ACCELERATION),
 }
-"""What there is of a frame, by the derivatives that it needs; quat is the quaternion (x, y, z, w) of S, w >= 0."""
+"""Order of the derivatives that each quantity of a frame needs; quat is the quaternion (x, y, z, w) of S, w >= 0."""
 FRAME_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY)
 """Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
-_DEFAULT_FRAME_QUANTITIES: Final = ("R", "S", "v", "omega", "a", "alpha")
-"""What is computed of a frame unless it is named."""
-_JOINT_COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd")
+_DEFAULT_FRAME_QUANTITY_NAMES: Final = ("R", "S", "v", "omega", "a", "alpha")
+"""Quantities that are computed of a frame by default."""
+_JOINT_COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd")
 """Outputs that are coordinates of the joints, and their derivatives by order."""
 _DERIVATIVE_ORDER_BY_JOINT_OUTPUT: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 """Derivatives that outputs with a value for each joint need."""
-_DERIVATIVE_ORDER_BY_BASE_OUTPUT: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
+_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
 """Derivatives that the force and the torque on the base need."""
 _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT: Final = {
     **_DERIVATIVE_ORDER_BY_FRAME_QUANTITY,
     **_DERIVATIVE_ORDER_BY_JOINT_OUTPUT,
-    **_DERIVATIVE_ORDER_BY_BASE_OUTPUT,
+    **_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
 }
 """Derivatives that each output of a scene of a mechanism needs; frames' outputs by their quantity."""
 MECHANISM_OUTPUT_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT)
@@ -68,7 +68,8 @@ MECHANISM_OUTPUT_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT)
 
 
 class MechanismOutput(NamedTuple):
-    """One output that is requested of a mechanism's scene: a quantity, and the frames or joints that have it.
+    """One requested output of a mechanism's scene: a quantity, and the names of the frames or joints for which it is
+    requested.
 
     Attributes:
         quantity: R, S, quat, d, v, omega, a or alpha of a frame; q, qd, qdd or tau of joints; force1, torque1.
@@ -83,21 +84,22 @@ class MechanismOutput(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismSceneResult(Frozen, Result):
-    """Computed outputs of a mechanism's scene: `t`, the `state` of frames, `forces`, and joint coordinates.
+    """Results of a mechanism's scene at its instants: `t`, the `state` of the frames, the `forces`, and joint
+    coordinates.
 
-    `result["tool"].R` is the position of a frame, `result.R` that of all frames with an axis of frames behind the
-    samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof), in the order of
-    `scene.mechanism.names`; force1 and torque1, (samples, 3), act on the base about its reference point. What was
-    not computed is None.
+    `result["tool"].R` is the position of a frame; `result.R` holds the positions of all frames, with an axis of
+    frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof),
+    in the order of `scene.mechanism.names`. force1 and torque1, shape (samples, 3), act on the base about its
+    reference point. An output that was not computed is None.
 
     Attributes:
         t: instants; shape (samples,) s.
-        state: the MechanismState of the frames; None where none was asked for.
-        forces: the MechanismForces; None where none was asked for.
-        scene: where it comes from.
+        state: the MechanismState of the frames; None if no output of a frame was requested.
+        forces: the MechanismForces; None if no force was requested.
+        scene: the MechanismScene that was evaluated.
         known: the motion of the joints and of the base.
-        outputs: what was asked for.
-        first: number of the first instant; 0 but for blocks.
+        outputs: the requested outputs.
+        first: index of the first instant; 0 except in blocks.
     """
 
     t: NDArray[np.float64]
@@ -107,7 +109,7 @@ class MechanismSceneResult(Frozen, Result):
     known: KnownJointMotion
     outputs: tuple[MechanismOutput, ...]
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {"chosen", "first", "known", "outputs"}
+    _inner: ClassVar[frozenset[str]] = Result._inner | {"requested_arrays", "first", "known", "outputs"}
 
     @property
     def described(self) -> str:
@@ -120,14 +122,15 @@ class MechanismSceneResult(Frozen, Result):
         return self.scene.files
 
     def unit(self, name: str) -> str:
-        """Return the unit of what is kept by a name, or of one of its components."""
+        """Return the unit of a recorded array, or of one of its components, by its name."""
         return self.scene.unit(name)
 
-    def chosen(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs as arrays by name, such as R_tool and tau_elbow; shape (samples, ...).
+    def requested_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the requested outputs as a dict of arrays by name, such as R_tool and tau_elbow; shape (samples,
+        ...). q, qd and qdd of a joint are arrays named like the columns of a log; a quaternion has four arrays.
 
-        Names are R_tool, S_tool and so on; of q, qd and qdd each joint has an array of its own, named as in a log;
-        of tau it is `tau_` and the joint's name.
+        Names are R_tool, S_tool and so on. The arrays of q, qd and qdd have the name of the joint with the suffix of
+        the derivative; those of tau have the prefix `tau_`.
         """
         arrays: dict[str, NDArray[Any]] = {}
         for quantity, frames, joints in self.outputs:
@@ -138,19 +141,22 @@ class MechanismSceneResult(Frozen, Result):
                 if quantity == "tau":
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
-                    order = _JOINT_COORDINATE_OUTPUTS.index(quantity)
-                    arrays[joint + DERIVATIVE_SUFFIXES[order]] = self.known.column(order, columns[joint])
-            if quantity in _DERIVATIVE_ORDER_BY_BASE_OUTPUT:
+                    order = _JOINT_COORDINATE_OUTPUT_NAMES.index(quantity)
+                    arrays[joint + JOINT_COLUMN_SUFFIXES_BY_ORDER[order]] = self.known.column(order, columns[joint])
+            if quantity in _DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return what was asked for and the coordinates of all joints, by name; shape (samples, ...)."""
+        """Return the requested outputs and the coordinates of all joints as a dict of arrays by name; shape (samples,
+        ...).
+        """
         names = self.scene.mechanism.names
-        return self.chosen() | {name: self.known.column(0, i) for i, name in enumerate(names)}
+        return self.requested_arrays() | {name: self.known.column(0, i) for i, name in enumerate(names)}
 
     def energy(self) -> Energy:
-        """Compute the kinetic and potential Energy at the instants (T7), in the scene's gravity.
+        """Compute the kinetic and potential energy of the robot at the instants (T7), in the scene's gravity; return
+        an Energy. Raise an ArgumentError if the result has no first derivatives.
 
         Raises:
             ArgumentError: no output has first derivatives.
@@ -159,7 +165,8 @@ class MechanismSceneResult(Frozen, Result):
         return robot.energy(*known.arguments()[:2], gravity=self.scene.gravity, base_motion=known.base)
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular Momentum at the instants (T8), about the origin.
+        """Compute the linear and angular momentum of the robot at the instants (T8), about the world's origin; return
+        a Momentum. Raise an ArgumentError if the result has no first derivatives.
 
         Raises:
             ArgumentError: no output has first derivatives.
@@ -168,13 +175,15 @@ class MechanismSceneResult(Frozen, Result):
         return self.scene.mechanism.momentum(*known.arguments()[:2], base_motion=known.base)
 
     def _motion_with_rates(self) -> KnownJointMotion:
-        """Return the known motion; raise ArgumentError if it has no first derivatives."""
+        """Return the known motion of the result. Raise an ArgumentError if it has no first derivatives."""
         if self.known.level < VELOCITY:
             raise ArgumentError("outputs", "some that need first derivatives, such as v", "none of them")
         return self.known
 
     def _frame_arrays(self, quantity: str, frame: str) -> dict[str, NDArray[Any]]:
-        """Return a frame's quantity by output name, a quaternion as four arrays; empty if no frame was computed."""
+        """Return a quantity of a frame as a dict with one array by output name, or four arrays for a quaternion;
+        empty if no frame was computed.
+        """
         if self.state is None:
             return {}
         if quantity == "quat":
@@ -194,10 +203,10 @@ class MechanismSceneResult(Frozen, Result):
         return state
 
     def __getattr__(self, name: str) -> Any:
-        if name in _JOINT_COORDINATE_OUTPUTS:
-            order = _JOINT_COORDINATE_OUTPUTS.index(name)
+        if name in _JOINT_COORDINATE_OUTPUT_NAMES:
+            order = _JOINT_COORDINATE_OUTPUT_NAMES.index(name)
             return self.known.array(order) if order <= self.known.level else None
-        if name in {"tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT}:
+        if name in {"tau", *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT}:
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
@@ -208,27 +217,33 @@ class MechanismSceneResult(Frozen, Result):
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
-        names = (*_JOINT_COORDINATE_OUTPUTS, "tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT, *MechanismState.__slots__)
+        names = (
+            *_JOINT_COORDINATE_OUTPUT_NAMES,
+            "tau",
+            *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
+            *MechanismState.__slots__,
+        )
         return (*(name for name in names if getattr(self, name) is not None), "energy", "momentum")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismScene(SampledScene):
-    """A mechanism, the motion of its joints and of its base, and the instants to evaluate it at.
+    """Scene of a mechanism: the robot, the motion of its joints and base, and the instants, as read from a scene
+    file.
 
     Attributes:
-        path: the file it came from.
-        title: what it is, in a sentence.
+        path: path of the scene file.
+        title: title of the scene, a sentence.
         mechanism: the robot, with the frames and the payload of the file.
-        joint_motion: where the motion comes from; knows the instants.
-        gravity: acceleration of free fall, world axes [m/s^2].
-        frames: the frames that are computed unless others are named: those of [mechanism.frames], else the last links
-            of the branches.
-        outputs: what `evaluate` computes unless told, as in [outputs]; None for the motion of the frames and of the
-            joints that move.
-        constants: the named numbers of the file.
-        files: the files that the scene was read from, as absolute paths: its own, its URDF file and its log.
-        tables: what stands in the file, in which expressions are as they were written.
+        joint_motion: the motion of the joints and the base, and its instants.
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+        frames: names of the frames that are computed by default: those of [mechanism.frames], otherwise the last
+            links of the branches.
+        outputs: names of the outputs that `evaluate` computes by default, as in [outputs]; None for the motion of the
+            frames and of the joints that move.
+        constants: constants of the file by name.
+        files: absolute paths of the files that the scene was read from: the scene file, its URDF file and its log.
+        tables: contents of the file; expressions are kept as text.
     """
 
     path: Path
@@ -266,7 +281,7 @@ class MechanismScene(SampledScene):
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """The instants; shape (samples,) s.
+        """All instants of the scene; shape (samples,) s.
 
         Raises:
             ArgumentError: there are too many to be held in memory.
@@ -274,52 +289,57 @@ class MechanismScene(SampledScene):
         return self.times()
 
     def motion(self) -> JointCoordinates:
-        """Return the JointCoordinates q (samples, dof), qd and qdd at the instants of the scene.
+        """Return the JointCoordinates (q, qd, qdd) at all instants, each of shape (samples, dof); derivatives that
+        the scene lacks are None.
 
         Returns:
-            (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that a
-            log does not have.
+            (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that
+            the motion does not have.
         """
         known = self.known(slice(len(self.times())), self.joint_motion.level)
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
     def base_motion(self) -> BodyMotion | None:
-        """Return the BodyMotion of the base at the instants; None where the base rests at the origin.
+        """Return the motion of the base at all instants as a BodyMotion; None if the base rests at the origin.
 
         It is what the methods of the mechanism take as base_motion.
         """
         return self.known(slice(len(self.times())), self.joint_motion.level).base
 
     def known(self, rows: Rows, order: int) -> KnownJointMotion:
-        """Return the KnownJointMotion of the joints and of the base at some of the instants.
+        """Return the KnownJointMotion of the joints and the base at the instants with the indices `rows`, with
+        derivatives up to `order`.
 
         Args:
-            rows: their numbers.
-            order: the highest derivative.
+            rows: indices of the instants, a slice or an array.
+            order: highest order of the derivatives.
         """
         return self.joint_motion.part(self.mechanism.names, rows, order)
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, or of one of its components, by its name in a file: R_tool_x, tau_elbow."""
+        """Return the unit of an output, or of one of its components, by its name in a result file, such as R_tool_x
+        or tau_elbow.
+        """
         for joint in self.mechanism.tree.coordinates:
             hinge = joint.kind == "hinge"
             if name == f"tau_{joint.name}":
                 return "N m" if hinge else "N"
-            for ending, per in zip(DERIVATIVE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
+            for ending, per in zip(JOINT_COLUMN_SUFFIXES_BY_ORDER, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
                     return ("rad" if hinge else "m") + per
         quantity, _, _ = name.partition("_")
         return unit_of(quantity)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute the outputs at the scene's instants; return a MechanismSceneResult.
+        """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult. Raise an
+        ArgumentError for outputs that the motion does not allow, or too many instants.
 
         Args:
-            outputs: quantities R, S, quat, d, v, omega, a, alpha of the scene's frames; a link, a joint or another
-                frame by name, for all motion of it; both by a name such as R_tool; q, qd, qdd and tau of all joints,
-                tau of one by a name such as tau_elbow;
-                force1, torque1 on the base. Those of the scene file unless given, and without these the motion of the
-                scene's frames and of the joints that move.
+            outputs: names of outputs. R, S, quat, d, v, omega, a or alpha requests the quantity for all frames of the
+                scene; the name of a link, a joint or another frame requests all motion of it; a name such as R_tool
+                requests one quantity of one frame. q, qd, qdd or tau requests all joints; tau_elbow requests tau of
+                one joint. force1 and torque1 are the load on the base. By default the outputs that the scene file
+                names; if it names none, the motion of the scene's frames and of the joints that move.
 
         Raises:
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
@@ -327,19 +347,21 @@ class MechanismScene(SampledScene):
         """
         return self._evaluate_rows(slice(len(self.times())), self.outputs_of(outputs))
 
-    def sampled(self, most: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute the outputs at `most` instants at most, evenly spread; return a MechanismSceneResult.
+    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
+        """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at all if there are fewer;
+        return a MechanismSceneResult.
 
         Args:
-            most: how many.
+            max_instants: largest number of instants.
             outputs: as for `evaluate`.
         """
-        return self._evaluate_rows(self.spread(most), self.outputs_of(outputs))
+        return self._evaluate_rows(self.spread(max_instants), self.outputs_of(outputs))
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[MechanismSceneResult]:
-        """Yield a MechanismSceneResult for each 131,072 instants in turn, for motions longer than memory.
+        """Yield a MechanismSceneResult for each block of 131,072 instants in turn, for scenes that do not fit into
+        memory.
 
-        The motion that a piece comes from, `known`, has rates where the scene has any.
+        The `known` motion of each block has first derivatives if the scene's motion has them.
 
         Args:
             outputs: as for `evaluate`.
@@ -354,8 +376,8 @@ class MechanismScene(SampledScene):
     def _evaluate_rows(
         self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
     ) -> MechanismSceneResult:
-        """Return the MechanismSceneResult of outputs at the instants `rows`; its motion has derivatives up to
-        `min_order` at least.
+        """Return the MechanismSceneResult of outputs at the instants with the indices `rows`. Its `known` motion has
+        derivatives at least up to `min_order`.
         """
         levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
@@ -376,7 +398,7 @@ class MechanismScene(SampledScene):
         return MechanismSceneResult(t, state, forces, self, known_motion, outputs, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
-        """Return a MechanismPlan, whose text says what `evaluate` computes, what it leaves out, and why.
+        """Return the MechanismPlan of `evaluate`: its text lists what is computed and what is skipped, and why.
 
         Args:
             outputs: as for `evaluate`.
@@ -403,7 +425,8 @@ class MechanismScene(SampledScene):
         return MechanismPlan(counted, tuple(still), order, self.joint_motion.level, known.base is None)
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
-        """Return requested outputs as MechanismOutputs; None means those of the file, else motion of what moves.
+        """Return requested output names as a tuple of MechanismOutputs. None means the outputs that the scene names,
+        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs.
 
         Args:
             outputs: as for `evaluate`.
@@ -417,12 +440,12 @@ class MechanismScene(SampledScene):
             joints = self.joint_motion.moving
             of_frames = [
                 MechanismOutput(name, self.frames)
-                for name in _DEFAULT_FRAME_QUANTITIES
+                for name in _DEFAULT_FRAME_QUANTITY_NAMES
                 if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
             ]
             of_joints = [
                 MechanismOutput(name, (), joints)
-                for name in _JOINT_COORDINATE_OUTPUTS
+                for name in _JOINT_COORDINATE_OUTPUT_NAMES
                 if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
             ]
             return (*of_frames, *of_joints)
@@ -437,7 +460,9 @@ class MechanismScene(SampledScene):
         return tuple(output for name in requested for output in self._parse_output(name))
 
     def _parse_output(self, name: object) -> Iterator[MechanismOutput]:
-        """Yield the MechanismOutputs that one name requests, such as R, tool, R_tool or tau; refuse unknown names."""
+        """Yield the MechanismOutputs that one name requests: a quantity such as R or tau, a frame, or both such as
+        R_tool. Raise an ArgumentError for an unknown name or missing derivatives.
+        """
         quantity, _, frame = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.joint_motion.level, self.mechanism
         if name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY:
@@ -449,7 +474,7 @@ class MechanismScene(SampledScene):
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
             requested = [
                 MechanismOutput(kind, (name,))
-                for kind in _DEFAULT_FRAME_QUANTITIES
+                for kind in _DEFAULT_FRAME_QUANTITY_NAMES
                 if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[kind] <= level
             ]
         elif quantity in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY and robot.tree.frame(frame) is not None:
@@ -471,37 +496,43 @@ class MechanismScene(SampledScene):
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
         yield from requested
 
-    def cross_validate(self, most: int | None = None) -> RobotValidation:
-        """Compare the mechanism's equations with Pinocchio along the motion; return a RobotValidation.
+    def cross_validate(self, max_instants: int | None = None) -> RobotValidation:
+        """Compare the mechanism's equations with Pinocchio along the motion; return a RobotValidation. Raise a
+        MissingDependencyError if Pinocchio is not installed.
 
-        All links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared, as far as the
-        motion has derivatives.
+        The motion of all links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared,
+        as far as the motion has derivatives.
 
         Args:
-            most: so many instants at most, evenly spread; all unless given.
+            max_instants: largest number of instants to compare, evenly spread; all instants by default.
 
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
         from hingepair.validation.cross_validate import cross_validate
 
-        rows = slice(len(self.times())) if most is None else self.spread(most)
+        rows = slice(len(self.times())) if max_instants is None else self.spread(max_instants)
         known = self.known(rows, self.joint_motion.level)
         return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
-        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return
-        MechanismSceneForces.
+        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return a
+        MechanismSceneForces. Raise an ArgumentError if the motion has no accelerations.
 
         Args:
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). That of the scene unless given.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default the gravity of the scene.
 
         Returns:
-            A `MechanismSceneForces`: `.tau`, (samples, dof), N m of hinges and N of sliders; `.force1` and
-            `.torque1`, (samples, 3), on the base about its reference point, of a fixed base its reaction; `.loads`,
-            one of each joint that moves by itself, with rms, largest size, and the limits of effort, position and
-            rate beside them, and of a log what its noise causes; `.notes`, sentences on limits that are passed and
-            on this noise.
+            A `MechanismSceneForces` with these attributes:
+
+            - tau, (samples, dof): torques of hinges [N m] and forces of sliders [N];
+            - force1 [N] and torque1 [N m], (samples, 3): the load on the base about its reference point; if the base
+            is
+              fixed, its reaction;
+            - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
+            its
+              effort, its extremes beside its limits, and the effect of the noise of a log;
+            - notes: sentences on limits that are exceeded and on that noise.
 
         Raises:
             ArgumentError: the motion has no accelerations.
@@ -520,36 +551,45 @@ class MechanismScene(SampledScene):
         return mechanism_scene_forces(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for readers of the results: on passed limits, kinks and doubtful units."""
+        """Return sentences for readers of the results: on joints outside their limits, kinks, and angles that look
+        like degrees. The whole motion is evaluated for this.
+        """
         notes = self.note_collector()
         for part in self.blocks(("q",)):
             notes.add(part)
         return notes.sentences()
 
     def note_collector(self) -> MechanismNoteCollector:
-        """Return what gathers the notes from pieces of the motion."""
+        """Return a MechanismNoteCollector, which collects notes from blocks of results."""
         return MechanismNoteCollector(self)
 
 
 def _needed_quantities(
     outputs: tuple[MechanismOutput, ...],
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return the frames, the frame quantities and the force quantities that some outputs need: three tuples."""
+    """Return (frame names, frame quantities, force quantities) that outputs need, three tuples. A quaternion needs
+    the attitude S.
+    """
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
     of_frames = tuple(name for name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY if name in named)
-    return frames, of_frames, tuple(name for name in ("tau", *_DERIVATIVE_ORDER_BY_BASE_OUTPUT) if name in named)
+    return (
+        frames,
+        of_frames,
+        tuple(name for name in ("tau", *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT) if name in named),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """Plan of a mechanism's scene: operations of each computed output, and what is left out and why.
+    """Plan of a mechanism's scene: the number of operations for each group of outputs, and the reasons for work that
+    is skipped. `str` gives it as text.
 
     Attributes:
-        computed: operations by what is computed.
-        still: joints that do not move.
-        order: of the derivatives that are needed.
-        level: of those that the motion has.
+        computed: number of operations by the description of the computed outputs.
+        still: names of the joints that do not move.
+        order: highest order of the needed derivatives.
+        level: highest order of the derivatives that the motion has.
         base_rests: whether the base rests at the origin.
     """
 
@@ -577,7 +617,9 @@ class MechanismPlan:
 
 
 class MechanismNoteCollector:
-    """Collector of notes on a mechanism's scene that is evaluated in blocks: limits, kinks, doubtful units."""
+    """Collector of notes on a mechanism's scene that is evaluated in blocks: on passed limits, kinks and angles that
+    look like degrees.
+    """
 
     def __init__(self, scene: MechanismScene) -> None:
         self._scene = scene
@@ -589,17 +631,17 @@ class MechanismNoteCollector:
             if scene.joint_motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
             for order, pair in enumerate(limits):
-                unit = scene.unit(joint.name + DERIVATIVE_SUFFIXES[order])
+                unit = scene.unit(joint.name + JOINT_COLUMN_SUFFIXES_BY_ORDER[order])
                 self._watches.append((order, i, LimitCounter(joint.name + "'" * order, pair, unit)))
 
     def add(self, part: MechanismSceneResult) -> None:
-        """Update the counts of passed limits and of kinks with one block of results."""
+        """Update the counts of passed limits and kinks with one block of results; the blocks must come in order."""
         self._kinks += self._scene.joint_motion.count_kinks(part.first, part.first + len(part.t))
         for order, joint, watch in self._watches:
             watch.add(part.t, part.known.column(order, joint))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all blocks that were added, as sentences."""
+        """Return the notes on all added blocks as a tuple of sentences, followed by the notes of the motion."""
         joints, samples = self._scene.mechanism.tree.coordinates, self._scene.samples
         sentences: list[str] = []
         for order, i, watch in self._watches:
@@ -614,7 +656,8 @@ class MechanismNoteCollector:
 
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the MechanismScene that the tables of a file describe; other paths are relative to the file's folder.
+    """Return the MechanismScene that the tables of the scene file at `path` define. Paths in the tables are relative
+    to its folder. Raise a SceneError for tables that define none.
 
     Args:
         tables: of the file.
@@ -634,7 +677,9 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
-    """Return whether a refused key (`label`: file, table, key) is a joint whose motion stands outside [motion]."""
+    """Return whether the key that a SceneError names is a joint of the robot whose motion is outside the table
+    [motion]. `label` is the error's text `file: table.key`.
+    """
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
         return False
@@ -654,7 +699,9 @@ def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
 
 
 def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the MechanismScene of a file's tables, as `read_mechanism_scene`, without its hint on stray joints."""
+    """Return the MechanismScene of a file's tables. Raise a SceneError for bad tables, without the hint of
+    `read_mechanism_scene` on joints outside [motion].
+    """
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
     motion = read_joint_motion(tables, folder, robot)
