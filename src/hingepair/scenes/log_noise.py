@@ -20,7 +20,7 @@ from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCo
 
 SMOOTHING_HINT_NOISE_TO_RMS: Final = 0.01
 """Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
-_MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE: Final = (
+_MAX_ROUNDING_NOISE_TO_LARGEST_LOG_SAMPLE: Final = (
     1e-12  # noise of samples, in parts of the largest, that is taken for rounding
 )
 _MAX_SAMPLES_FOR_NOISE_ESTIMATE: Final = 100_000  # consecutive samples from which the noise of a log is estimated
@@ -157,7 +157,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     if not residuals.size:
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(residuals**2)))
-    if size <= _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE * float(np.abs(samples).max()):
+    if size <= _MAX_ROUNDING_NOISE_TO_LARGEST_LOG_SAMPLE * float(np.abs(samples).max()):
         return 0.0, 0.0
     _, _, *weights = next(stencils(t, order))
     first, second = (float(np.sqrt(np.median((one**2).sum(axis=1)))) for one in weights)
