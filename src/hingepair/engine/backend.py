@@ -75,7 +75,9 @@ def _cached_execution(backend: str, workers: int) -> Execution:
 
 
 def _core_count() -> int:
-    """Return the number of cores that this process may use; of all cores where the system does not say."""
+    """Return the number of cores that this process may use. Where the system does not tell, return the number of all
+    cores.
+    """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

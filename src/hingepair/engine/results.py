@@ -14,8 +14,8 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 
 
 class Results(DaskCollection, Shown):
-    """Results of a call by name: read-only NumPy arrays, or arrays of another library. They are available by index
-    and, for the names in the class's `__slots__`, as attributes.
+    """Results of a call by name: read-only NumPy arrays, or arrays of another library. They are available as
+    results[name] and, for the names in the class's `__slots__`, as attributes.
 
     `dask.compute` takes results that are Dask arrays as one, and returns them of the same class in memory.
 

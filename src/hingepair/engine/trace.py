@@ -100,17 +100,19 @@ class TracedValue:
         return self
 
     def sine(self) -> Operand:
-        """Record the sine of the value [rad], and return it."""
+        """Record the sine of the value [rad], and return the traced result."""
         first = self.operands[0] if self.operation == "negative" else None
         return -first.sine() if isinstance(first, TracedValue) else self.trace.record("sin", self)
 
     def cosine(self) -> Operand:
-        """Record the cosine of the value [rad], and return it."""
+        """Record the cosine of the value [rad], and return the traced result."""
         first = self.operands[0] if self.operation == "negative" else None
         return first.cosine() if isinstance(first, TracedValue) else self.trace.record("cos", self)
 
     def versine(self) -> Operand:
-        """Record the versine, 1 - cos, of the value [rad], and return it. It is accurate for small values too."""
+        """Record the versine, 1 - cos, of the value [rad], and return the traced result, which is accurate for small
+        values too.
+        """
         first = self.operands[0] if self.operation == "negative" else None
         if isinstance(first, TracedValue):
             return first.versine()
@@ -174,29 +176,31 @@ def operation_count(values: Iterable[TracedValue], varying: bool | None = None) 
 
 
 def square_root(x: Any) -> Any:
-    """Return the square root of a traced value, which is recorded, or of a number or array."""
+    """Return the square root of a number or array. For a traced value, record the operation and return its traced
+    result.
+    """
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
     return array_libraries.apply_function("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
-    """Return the angle [rad] of the vector (x, y) from the x axis, for traced values (recorded), numbers or
-    arrays.
+    """Return the angle [rad] of the vector (x, y) from the x axis, for numbers or arrays. For traced values, record
+    the operation and return its traced result.
     """
     return _apply_binary("arctan2", np.arctan2, y, x)
 
 
 def hypotenuse(x: Any, y: Any) -> Any:
-    """Return the square root of x^2 + y^2 without intermediate overflow, for traced values (recorded), numbers or
-    arrays.
+    """Return the square root of x^2 + y^2 without intermediate overflow, for numbers or arrays. For traced values,
+    record the operation and return its traced result.
     """
     return _apply_binary("hypot", np.hypot, x, y)
 
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """If an operand is traced, record the named operation and return its traced value. Otherwise return the NumPy
-    function of both operands.
+    """If an operand is traced, record the named operation and return its traced result. Otherwise return the value of
+    the NumPy function of both operands.
     """
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)

@@ -36,7 +36,7 @@ def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
 
 
 def difference_rate(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return d' = v2 - v1, the rate of d = r1 - r2 where each r turns with its body (E8)."""
+    """Return d' = v2 - v1 = omega1 x r1 - omega2 x r2, the time derivative of d = r1 - r2 (E8)."""
     return eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2))
 
 
@@ -124,5 +124,5 @@ def negative(A: Entries) -> Entries:
 
 
 def rotation_rate(omega: Vector, S: Matrix) -> Matrix:
-    """Return S' = [omega]x S, the time derivative of a rotation (E3)."""
+    """Return S' = [omega]x S, the time derivative of a rotation matrix (E3)."""
     return eq.compose(eq.skew(omega), S)

@@ -67,7 +67,7 @@ def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
 
 
 def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
-    """Return S I S^T, a body's inertia in world axes."""
+    """Return S I S^T: a body's inertia matrix, given in body axes, in world axes."""
     return compose(compose(S, inertia), transpose(S))
 
 
@@ -80,7 +80,7 @@ def point_mass_inertia(mass: Scalar, r: Vector) -> Matrix:
 
 
 def matrix_sum(A: Matrix, B: Matrix) -> Matrix:
-    """Return the sum A + B."""
+    """Return the sum A + B of two 3 x 3 matrices."""
     a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(A, B, strict=True))
     return a, b, c, d, e, f, g, h, i
 
@@ -182,7 +182,7 @@ def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matri
 
 
 def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
-    """Return the velocity of a body's point, v + omega x r."""
+    """Return v + omega x r, the velocity of a body's point at r from its reference point."""
     return add(v, cross(omega, r))
 
 

@@ -39,7 +39,7 @@ def subtract(a: Vector, b: Vector) -> Vector:
 
 
 def scale(a: Vector, factor: Scalar) -> Vector:
-    """Return the vector a times a scalar."""
+    """Return the product of the vector a and a scalar."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
@@ -61,7 +61,7 @@ def rotate(S: Matrix, u: Vector) -> Vector:
 
 
 def transpose(A: Matrix) -> Matrix:
-    """Return the transpose of A."""
+    """Return the transpose of a 3 x 3 matrix of nine entries."""
     return A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]
 
 
@@ -187,13 +187,13 @@ def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
 
 
 def skew(w: Vector) -> Matrix:
-    """Return the matrix [w]x with [w]x u = w x u."""
+    """Return the matrix [w]x, for which [w]x u = w x u."""
     zero = 0 * w[0]
     return zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero
 
 
 def unskew(W: Matrix) -> Vector:
-    """Return the vector w of the antisymmetric part of W = [w]x."""
+    """Return the vector w with [w]x equal to the antisymmetric part of the matrix W."""
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5
 
 

@@ -161,7 +161,7 @@ class Pose(NamedTuple):
 
 
 def axis_of(pose: Pose) -> Vector:
-    """Return the axis of the joint that carries a body, which is the body's z axis."""
+    """Return the axis of the joint that moves a body, which is the z axis of the body, in world axes."""
     return pose.S[2], pose.S[5], pose.S[8]
 
 
@@ -284,18 +284,18 @@ def base_jacobian_columns(d: Vector) -> list[tuple[Vector, Vector]]:
 
 
 def symmetric_sum(A: Symmetric, B: Symmetric) -> Symmetric:
-    """Return the sum A + B."""
+    """Return the sum A + B of two symmetric matrices of six entries."""
     return A[0] + B[0], A[1] + B[1], A[2] + B[2], A[3] + B[3], A[4] + B[4], A[5] + B[5]
 
 
 def full_matrix(A: Symmetric) -> Matrix:
-    """Return all nine entries of a symmetric matrix."""
+    """Return all nine entries of a symmetric matrix given by six entries."""
     xx, xy, xz, yy, yz, zz = A
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
 def inertia_from_moment(second: Symmetric) -> Symmetric:
-    """Return the inertia J = tr(N) - N of the second moment N."""
+    """Return the inertia matrix J = tr(N) - N from the second moment N; both have six entries."""
     xx, xy, xz, yy, yz, zz = second
     return yy + zz, -xy, -xz, xx + zz, -yz, xx + yy
 
@@ -611,7 +611,7 @@ def spatial_inertia_to_parent(placement: Placement, inertia: SpatialInertia) -> 
 
 
 def _sum(A: Matrix, B: Matrix) -> Matrix:
-    """Return the sum A + B of two matrices."""
+    """Return the sum A + B of two 3 x 3 matrices of nine entries."""
     a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(A, B, strict=True))
     return a, b, c, d, e, f, g, h, i
 

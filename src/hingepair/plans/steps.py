@@ -80,7 +80,7 @@ def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
 
 
 def _largest_component(parts: tuple[Any, ...]) -> Any:
-    """Return the largest absolute value of some components."""
+    """Return the largest absolute value among the components."""
     return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
 
 
@@ -178,7 +178,7 @@ def cross_with_e_z(u: tuple[Scalar, Scalar]) -> Vector:
 
 
 def in_plane(v: Vector) -> tuple[Scalar, Scalar]:
-    """Return the x and y components of a vector."""
+    """Return the x and y components of a vector in space."""
     return v[0], v[1]
 
 
@@ -202,7 +202,7 @@ def planar_acceleration2(
 
 
 def as_tuple(*parts: Any) -> tuple[Any, ...]:
-    """Return several values as one tuple."""
+    """Return the given values as one tuple."""
     return parts
 
 
@@ -212,7 +212,7 @@ def concatenate_vectors(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ..
 
 
 def same(value: Any) -> Any:
-    """Return the value itself, which gets another name by a step."""
+    """Return the value unchanged: the function of steps that give a value another name."""
     return value
 
 
@@ -326,7 +326,7 @@ def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
 
 
 def _component_quotient(parts: Components) -> Any:
-    """Return the first of two components divided by the second."""
+    """Return the quotient of two components, the first divided by the second."""
     return parts[0] / parts[1]
 
 

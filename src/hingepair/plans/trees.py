@@ -154,23 +154,23 @@ class Computation:
 
     @functools.cached_property
     def q(self) -> list[Scalar]:
-        """The coordinate of every joint."""
+        """List of the coordinates q of all joints."""
         own = zip(self._of_joints("q"), self.ratios, strict=True)
         return [value + offset for value, (_, offset) in own]
 
     @functools.cached_property
     def qd(self) -> list[Scalar]:
-        """The rate of every joint."""
+        """List of the rates q' of all joints."""
         return self._of_joints("qd")
 
     @functools.cached_property
     def qdd(self) -> list[Scalar]:
-        """The second derivative q'' of every joint."""
+        """List of the second derivatives q'' of all joints."""
         return self._of_joints("qdd")
 
     @functools.cached_property
-    def still(self) -> list[Scalar]:
-        """Zero rates of all joints."""
+    def zero_rates(self) -> list[Scalar]:
+        """List of zeros, one for each joint."""
         return [0.0] * len(self.links)
 
     def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
@@ -199,54 +199,56 @@ class Computation:
 
     @functools.cached_property
     def poses(self) -> list[eq.Pose]:
-        """List of the poses of all bodies, the base first."""
+        """List of the poses of all bodies in world axes, the base first."""
         return self._name_components(eq.poses(self.links, self.placements, self.values["S1"]), ("S", "d", "arm"))
 
     @functools.cached_property
-    def rates(self) -> list[eq.Rates]:
+    def velocities(self) -> list[eq.Rates]:
         """List of (v, omega) of all bodies, world axes, the base first."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
         return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
     @functools.cached_property
-    def changes(self) -> list[eq.Rates]:
+    def accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of all bodies, world axes, the base first."""
-        return self._changes(self.qdd, self._base_change)
+        return self._body_accelerations(self.qdd, self._base_acceleration)
 
     @property
-    def _base_change(self) -> eq.Rates:
-        """The accelerations (a1, alpha1) of the base; a1 is 0 where no output needs it."""
+    def _base_acceleration(self) -> eq.Rates:
+        """The accelerations (a1, alpha1) of the base; a1 is zero if it was not given."""
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
-    def _changes(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
+    def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
         """Return a list of (a, alpha) of all bodies, world axes, the base first, for the given q'' and (a, alpha) of
         the base. Names the components in generated code.
         """
-        found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base_acceleration)
-        return self._name_components(found, ("a", "alpha"))
+        accelerations = eq.body_accelerations(
+            self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration
+        )
+        return self._name_components(accelerations, ("a", "alpha"))
 
     @functools.cached_property
     def frame_poses(self) -> list[eq.Pose]:
-        """The pose of every frame."""
+        """List of the poses of all frames in world axes."""
         return [eq.frame_pose(self.poses[body], own["R"], own["S"]) for body, own in self.frames]
 
     @functools.cached_property
-    def frame_rates(self) -> list[eq.Rates]:
-        """The (v, omega) of every frame."""
-        bodies = (self.rates[body] for body, _ in self.frames)
+    def frame_velocities(self) -> list[eq.Rates]:
+        """List of (v, omega) of all frames, world axes."""
+        bodies = (self.velocities[body] for body, _ in self.frames)
         return [eq.frame_velocity(pose, body) for pose, body in zip(self.frame_poses, bodies, strict=True)]
 
     @functools.cached_property
-    def frame_changes(self) -> list[eq.Rates]:
-        """The (a, alpha) of every frame."""
-        return self._frame_accelerations(self.changes)
+    def frame_accelerations(self) -> list[eq.Rates]:
+        """List of (a, alpha) of all frames, world axes."""
+        return self._accelerations_of_frames(self.accelerations)
 
-    def _frame_accelerations(self, link_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
+    def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
         """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. Both may be parts of
         accelerations only, such as a bias.
         """
         return [
-            eq.frame_acceleration(pose, self.rates[body][1], link_accelerations[body])
+            eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
         ]
 
@@ -278,15 +280,15 @@ class Computation:
         """Return (a, alpha) of the first frame as six numbers, for q'' = 0 and, if the base is free, for a base
         without acceleration.
         """
-        base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change
-        a, alpha = self._frame_accelerations(self._changes(self.still, base))[0]
+        base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
+        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.zero_rates, base))[0]
         return (*a, *alpha)
 
     # ---- dynamics, base axes
 
     @functools.cached_property
     def base_axes(self) -> Matrix:
-        """The rotation from world to base axes."""
+        """Rotation matrix that converts vectors from world axes to base axes."""
         return transpose(self.values["S1"])
 
     def _transmitted_wrenches(
@@ -334,14 +336,14 @@ class Computation:
         values, free = self.values, self.request.free
         omega = rotate(self.base_axes, values["omega1"])
         if free:
-            return self._transmitted_wrenches(self.qd, self.still, omega, ZERO_VECTOR, ZERO_VECTOR)
+            return self._transmitted_wrenches(self.qd, self.zero_rates, omega, ZERO_VECTOR, ZERO_VECTOR)
         falling = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
         return self._transmitted_wrenches(
-            self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling
+            self.qd, self.zero_rates, omega, rotate(self.base_axes, values["alpha1"]), falling
         )
 
     def efforts(self) -> tuple[Scalar, ...]:
-        """Return the effort tau of every coordinate."""
+        """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
         return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
@@ -361,7 +363,9 @@ class Computation:
             fall = rotate(self.base_axes, subtract(values["a1"] if with_rates else still, values["gravity"]))
             alpha = rotate(self.base_axes, values["alpha1"]) if with_rates else still
         omega = rotate(self.base_axes, values["omega1"]) if with_rates else still
-        wrenches = self._transmitted_wrenches(self.qd if with_rates else self.still, self.still, omega, alpha, fall)
+        wrenches = self._transmitted_wrenches(
+            self.qd if with_rates else self.zero_rates, self.zero_rates, omega, alpha, fall
+        )
         tau = self.efforts_by_coordinate(eq.along_axes(self.links, wrenches))
         if not self.request.free:
             return tau
@@ -526,14 +530,14 @@ class Computation:
         """
         turning = (
             self.values["omega1"],
-            *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_change[::-1]),
+            *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration[::-1]),
         )
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
-        force = self._transmitted_wrenches(self.qd, self.still, omega, alpha, a, with_loads=False)[0][0]
+        force = self._transmitted_wrenches(self.qd, self.zero_rates, omega, alpha, a, with_loads=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
 
     @functools.cached_property
-    def body_rates(self) -> list[eq.Rates]:
+    def velocities_in_own_axes(self) -> list[eq.Rates]:
         """List of (v, omega) of all bodies, the base first, each in the axes of its body."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
         return self._name_components(
@@ -545,11 +549,11 @@ class Computation:
         """List of the linear and angular momentum (P, L) of all bodies, about their reference points and in the axes
         of each body.
         """
-        return eq.body_momenta(self.base, self.links, self.body_rates)
+        return eq.body_momenta(self.base, self.links, self.velocities_in_own_axes)
 
     def kinetic(self) -> Scalar:
         """Return the kinetic energy of the robot."""
-        return eq.kinetic_energy(self.links, self.body_rates, self.momenta, self.qd)
+        return eq.kinetic_energy(self.links, self.velocities_in_own_axes, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
         """Return the potential energy of the robot, which is zero if the centre of mass is at the world's origin."""
@@ -564,9 +568,9 @@ class Computation:
         P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
-    def angular(self, offset: Vector) -> Vector:
-        """Return the angular momentum of the robot about a point; the vector `offset` leads from the point to the
-        base's reference point.
+    def angular_momentum_about(self, offset: Vector) -> Vector:
+        """Return the angular momentum of the robot, world axes, about a point; the vector `offset` leads from the
+        point to the base's reference point.
         """
         P, L = self.momentum
         return add(L, cross(offset, P))
@@ -582,12 +586,12 @@ class Computation:
 
 
 def _reciprocal(x: Scalar) -> Scalar:
-    """Return 1 / x, also of a number that is known to be 0."""
+    """Return 1 / x; for a number x that is known to be 0, return infinity."""
     return math.inf if type(x) is float and x == 0 else 1.0 / x
 
 
 def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
-    """Return a row of M up to its diagonal entry, which becomes NaN if it is known to be 0."""
+    """Return a row of M up to its diagonal entry; a diagonal entry that is known to be 0 is replaced by NaN."""
     return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
@@ -612,22 +616,24 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 
 
 def _frames_shape(*own: int) -> Callable[[Form, Request], Tail]:
-    """Return a function that returns the shape of an output: a part of this shape for each frame."""
+    """Return a function of (form, request) that returns the shape of an output with one part for each frame: the
+    number of frames, then the given lengths.
+    """
     return lambda _, request: (len(request.frames), *own)
 
 
-def _fixed(*own: int) -> Callable[[Form, Request], Tail]:
-    """Return a function that returns this shape for any form and request."""
+def _fixed_shape(*own: int) -> Callable[[Form, Request], Tail]:
+    """Return a function of (form, request) that always returns the given lengths as a shape."""
     return lambda *_: own
 
 
-def _dof(form: Form, _: Request) -> Tail:
-    """Return the shape of a vector by coordinate."""
+def _dof_shape(form: Form, _: Request) -> Tail:
+    """Return the shape of a vector with one component for each coordinate."""
     return (form.dof,)
 
 
-def _velocities(*rows: int) -> Callable[[Form, Request], Tail]:
-    """Return a function that returns these lengths and the number of velocities as a shape."""
+def _velocities_shape(*rows: int) -> Callable[[Form, Request], Tail]:
+    """Return a function of (form, request) that returns a shape: the given lengths, then the number of velocities."""
     return lambda form, request: (*rows, velocity_count(form, request))
 
 
@@ -654,45 +660,55 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "S": Output(_frames_shape(3, 3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
     "d": Output(_frames_shape(3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
     "v": Output(
-        _frames_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_rates)
+        _frames_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)
     ),
     "omega": Output(
-        _frames_shape(3), _VELOCITY_INPUT_NAMES, lambda c: _chain_vectors(omega for _, omega in c.frame_rates)
+        _frames_shape(3), _VELOCITY_INPUT_NAMES, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)
     ),
     "a": Output(
-        _frames_shape(3), (*_ACCELERATION_INPUT_NAMES, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_changes)
+        _frames_shape(3),
+        (*_ACCELERATION_INPUT_NAMES, "a1"),
+        lambda c: _chain_vectors(a for a, _ in c.frame_accelerations),
     ),
     "alpha": Output(
-        _frames_shape(3), _ACCELERATION_INPUT_NAMES, lambda c: _chain_vectors(alpha for _, alpha in c.frame_changes)
+        _frames_shape(3),
+        _ACCELERATION_INPUT_NAMES,
+        lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations),
     ),
-    "jacobian": Output(_velocities(6), _POSE_INPUT_NAMES, Computation.jacobian),
-    "acceleration_bias": Output(_fixed(6), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.acceleration_bias),
-    "tau": Output(_dof, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
-    "force1": Output(_fixed(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
-    "torque1": Output(_fixed(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
+    "jacobian": Output(_velocities_shape(6), _POSE_INPUT_NAMES, Computation.jacobian),
+    "acceleration_bias": Output(
+        _fixed_shape(6), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.acceleration_bias
+    ),
+    "tau": Output(_dof_shape, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
+    "force1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
+    "torque1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
     "mass_matrix": Output(
         lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
     ),
-    "bias_forces": Output(_velocities(), _BIAS_FORCE_INPUT_NAMES, lambda c: c.bias_forces(True)),
-    "gravity_forces": Output(_velocities(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
-    "qdd": Output(_dof, _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[2]),
-    "a1": Output(_fixed(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[0]),
-    "alpha1": Output(_fixed(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[1]),
-    "pivots": Output(_dof, _POSE_INPUT_NAMES, lambda c: c.pivots),
-    "centre_of_mass": Output(_fixed(3), ("q", "R1", "S1"), Computation.centre_of_mass),
-    "centre_of_mass_jacobian": Output(_velocities(3), _POSE_INPUT_NAMES, Computation.centre_of_mass_jacobian),
+    "bias_forces": Output(_velocities_shape(), _BIAS_FORCE_INPUT_NAMES, lambda c: c.bias_forces(True)),
+    "gravity_forces": Output(_velocities_shape(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
+    "qdd": Output(_dof_shape, _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[2]),
+    "a1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[0]),
+    "alpha1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[1]),
+    "pivots": Output(_dof_shape, _POSE_INPUT_NAMES, lambda c: c.pivots),
+    "centre_of_mass": Output(_fixed_shape(3), ("q", "R1", "S1"), Computation.centre_of_mass),
+    "centre_of_mass_jacobian": Output(_velocities_shape(3), _POSE_INPUT_NAMES, Computation.centre_of_mass_jacobian),
     "centre_of_mass_bias": Output(
-        _fixed(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
+        _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
     ),
-    "attitude_check": Output(_fixed(), ("S1",), lambda c: ATTITUDE1_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])),
-    "kinetic": Output(_fixed(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
-    "potential": Output(_fixed(), ("q", "R1", "S1", "gravity"), Computation.potential),
-    "linear": Output(_fixed(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.momentum[0]),
+    "attitude_check": Output(
+        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])
+    ),
+    "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
+    "potential": Output(_fixed_shape(), ("q", "R1", "S1", "gravity"), Computation.potential),
+    "linear": Output(_fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.momentum[0]),
     "angular_about_origin": Output(
-        _fixed(3), (*_VELOCITY_INPUT_NAMES, "v1", "R1"), lambda c: c.angular(c.values["R1"])
+        _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "v1", "R1"), lambda c: c.angular_momentum_about(c.values["R1"])
     ),
     "angular_about_centre": Output(
-        _fixed(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))
+        _fixed_shape(3),
+        (*_VELOCITY_INPUT_NAMES, "v1"),
+        lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0)),
     ),
 }
 """All that can be computed of a tree, by name."""
