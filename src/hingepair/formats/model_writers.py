@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMITS,
+    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -44,7 +44,7 @@ BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_h
 
 _ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 _DRAWABLE_LENGTH_RANGE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
-_RELATIVE_INERTIA_MARGIN = 2.0**-46
+_INERTIA_MARGIN_TO_LARGEST_MOMENT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
@@ -219,8 +219,8 @@ def to_mjcf(
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Check the argument `hinge_torque`, and return it (for None a HingeLoad without effect). Warn of its fields that
-    are not written.
+    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Warn of its
+    fields that are not among `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
 
     Raises:
         ArgumentError: it is no HingeLoad.
@@ -240,7 +240,8 @@ def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fiel
 
 
 def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Check that the argument `body1` is a single pose; return its position R and its rotation S.
+    """Check that the argument `body1` is a single pose, or raise an ArgumentError; return its position R and its
+    rotation S.
 
     Raises:
         ArgumentError: it is no single pose.
@@ -251,8 +252,8 @@ def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return the shapes that draw body 1 and body 2, each in its body's axes: their own, or simple ones where they
-    have none.
+    """Return two tuples: the shapes that draw body 1 and those that draw body 2, each in the axes of the body. A body
+    without shapes of its own gets simple ones.
 
     A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
     sleeve (body 2) along the hinge axis.
@@ -273,7 +274,8 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of its link: mass [kg], centre of mass [m], moments of inertia, shapes and colour.
+    """A body in the frame of its link, whose name it holds: mass [kg], centre of mass [m], moments of inertia
+    [kg m^2], shapes and colour.
 
     `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
     """
@@ -287,8 +289,8 @@ class _ModelPart(NamedTuple):
 
 
 def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
-    """Return the parts of a model of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
-    point.
+    """Return two parts of a model of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
+    point. Raise an ArgumentError if XML cannot hold the name of the pair.
     """
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
@@ -301,7 +303,9 @@ def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
 def _make_model_part(
     link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
 ) -> _ModelPart:
-    """Return one body as a part of a model: its masses and shapes, moved to the origin of its link."""
+    """Return one body as a part of a model: its mass properties and its shapes, relative to the origin of its link.
+    The origin is given in the axes of the body; None is a body without mass.
+    """
     body = body_or_none or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = _raise_flat_inertia(body.inertia).tolist()
@@ -315,19 +319,20 @@ def _axis2(pair: HingePair) -> Float64Array:
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
-    """Return an inertia (3, 3), raised if needed until its largest principal moment is below the sum of the others by
-    a margin.
+    """Return an inertia tensor (3, 3), increased if needed so that its largest principal moment is below the sum of
+    the others by a margin.
 
-    That of a flat body is raised by the margin, and by what its moments, if they were given rounded, lack for it.
+    The inertia of a flat body is increased by the margin, and by the excess of the largest moment if the moments were
+    given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _RELATIVE_INERTIA_MARGIN * largest + largest - sum(smaller)
+    lift = _INERTIA_MARGIN_TO_LARGEST_MOMENT * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 
 def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """Return the shapes of a body that has none: a box at the reference point, and a rod to the hinge unless it is
-    too short to be seen.
+    """Return the shapes of a body that has none, in a tuple: a box at the reference point, and a rod from there to
+    the hinge point `u` unless it is too short to be seen. `size` is the size of the pair [m].
     """
     box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
@@ -342,14 +347,16 @@ def _round_for_drawing(length: float) -> float:
 
 
 def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
-    """Return the attributes of URDF's `limit` by name, with defaults for effort and velocity; none if the pair has no
-    limits.
+    """Return a dict of the attributes of URDF's element `limit` by name, with defaults for missing effort and
+    velocity. It is empty if the pair has no limits.
     """
     pair_limits = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(pair_limits.values()) == {None}:
         return {}
     range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-    return range_ | {key: DEFAULT_URDF_LIMITS[key] if value is None else value for key, value in pair_limits.items()}
+    return range_ | {
+        key: DEFAULT_URDF_LIMIT_BY_ATTRIBUTE[key] if value is None else value for key, value in pair_limits.items()
+    }
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
@@ -370,8 +377,8 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
 
 
 def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return kind, sizes and (roll, pitch, yaw) of a shape for URDF; a cylinder's angles turn URDF's z axis to its
-    own.
+    """Return three values for URDF: the kind of a shape, a dict of its sizes, and its (roll, pitch, yaw) [rad]. The
+    angles of a cylinder rotate URDF's z axis to the cylinder's axis.
     """
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
@@ -391,7 +398,7 @@ def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
 
 
 def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
-    """Return type, size and direction of a shape for MuJoCo, by attribute; MuJoCo takes half lengths."""
+    """Return a dict of the attributes of a MuJoCo geom for a shape: type, size (half lengths) and direction."""
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
         return {"type": "box", "size": shape.size / 2, **turn}

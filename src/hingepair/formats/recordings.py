@@ -37,7 +37,9 @@ from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
 # Columns that results have and a recording of poses does not need.
-_UNNEEDED_COLUMN_PATTERN = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
+_UNNEEDED_COLUMN_NAME_PATTERN = re.compile(
+    r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?"
+)
 
 # Names, in small letters, that other recorders give the column t.
 _TIME_COLUMN_ALIASES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
@@ -46,7 +48,9 @@ _POSITION_COLUMN_ALIAS_PATTERN = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)
 
 
 class Recording(NamedTuple):
-    """Motions of two bodies at the same instants, NaN where nothing was recorded, and readings of an encoder."""
+    """Motions of two bodies at the same instants, NaN where nothing was recorded; the instants as the file has them,
+    and the readings of an encoder at these instants. The last two are None if there are none.
+    """
 
     body1: BodyMotion
     body2: BodyMotion
@@ -55,7 +59,7 @@ class Recording(NamedTuple):
 
 
 class _RecordedBody(NamedTuple):
-    """Motion of one body with its own instants, and the file where it was read."""
+    """Motion of one body with its own instants, the path of its file, and the readings of an encoder in that file."""
 
     motion: BodyMotion
     t: NDArray[Any] | None
@@ -69,9 +73,9 @@ def read_recording(
     max_gap: float = 0.05,
     encoder_column: str | None = None,
 ) -> Recording:
-    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants.
-
-    Bodies of different instants are brought to those of the slower recording.
+    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants as a
+    Recording. If the instants differ, the poses are resampled at the instants of the slower recording. Raise an
+    ArgumentError if a file or a column cannot be used.
 
     Args:
         paths: one file, or two.
@@ -120,8 +124,9 @@ def read_recording(
 
 
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Return both bodies at the instants of the one with the longer steps; raise an error if they overlap at less
-    than two instants.
+    """Resample both bodies and the encoder at the instants of the body with the longer time steps, and return a
+    Recording. Gaps up to `max_gap` [s] are bridged. Raise an ArgumentError if fewer than two instants have both
+    bodies.
     """
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
@@ -144,7 +149,9 @@ def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap:
 
 
 def _body_instants(body: _RecordedBody) -> NDArray[Any]:
-    """Return the instants of a body that has a file of its own; raise an error if the file has none."""
+    """Return the array of instants of a body that has a file of its own; raise an ArgumentError if the file has no
+    instants.
+    """
     if body.t is None:
         raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
     return body.t
@@ -167,10 +174,9 @@ def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
 
 
 def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> BodyMotion:
-    """Return the poses of a body from columns with a suffix; an attitude is NaN where a part of it is missing or its
-    quaternion is 0.
-
-    Body 2 without any column of an attitude is a point.
+    """Return the poses of body "1" or "2" (`body_digit`) from the columns with a suffix. An attitude is NaN where a
+    part of it is missing or all of it is 0; body 2 without columns of an attitude is a point. Raise an ArgumentError
+    if a column is missing.
     """
     R = _stack_columns(path, columns, _position_column_names(suffix))
     if not any(_has_any_column(columns, names) for names in _attitude_column_names(suffix)):
@@ -193,8 +199,8 @@ def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> 
 
 
 def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """Return the columns of the first of some alternatives that is present, stacked along the last axis; all its
-    columns must be there.
+    """Stack the columns of the first of some alternatives (tuples of names) that is present along the last axis, and
+    return the array (N, k). Raise an ArgumentError if one of its columns is missing.
     """
     names = next((names for names in alternatives if _has_any_column(columns, names)), alternatives[-1])
     for name in names:
@@ -212,8 +218,8 @@ def _present_columns(columns: Columns, names: Sequence[str]) -> list[str]:
 def _read_columns(
     path: Path, ignored_columns: Sequence[str], encoder_column: str | None, present_names: list[str]
 ) -> Columns:
-    """Return the columns of a file that a recording needs, by name; add the names of all its columns to
-    `present_names`.
+    """Read the columns of a file that a recording needs, and return them by name. Add the names of all columns of the
+    file to the list `present_names`. Raise an ArgumentError if a column is unknown or cannot be used.
     """
 
     def choose(names: list[str]) -> list[str]:
@@ -233,7 +239,9 @@ def _component_names(name: str, tail: tuple[int, ...]) -> ArrayLike:
 
 
 def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
-    """Return the names of the columns to read; raise an error for a column that is unknown or comes twice."""
+    """Return a list of those of the names that are read. Raise an ArgumentError for a column that occurs twice, or
+    that is neither known nor ignored.
+    """
     known_names = [
         "t",
         *(name for digit in ("1", "2", "") for pose_names in _pose_column_names(digit) for name in pose_names),
@@ -248,7 +256,7 @@ def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encod
             if name in wanted:
                 raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
-        elif not _UNNEEDED_COLUMN_PATTERN.fullmatch(name):
+        elif not _UNNEEDED_COLUMN_NAME_PATTERN.fullmatch(name):
             short = repr(name[:40])
             meant = _column_hint(name, known_names)
             reads_angle = (
@@ -260,7 +268,9 @@ def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encod
 
 
 def _column_hint(name: str, known_names: Sequence[str]) -> str:
-    """Return the end of a message on an unknown column: ` (nearest: t)` for `time`, empty where none is near."""
+    """Return the end of a message on an unknown column, such as ` (nearest: t)` for `time`; "" if no known name is
+    near.
+    """
     lower = name.lower()
     position = _POSITION_COLUMN_ALIAS_PATTERN.fullmatch(lower)
     column = "t" if lower in _TIME_COLUMN_ALIASES else "".join(position.groups()) if position else ""

@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMITS,
+    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -28,7 +28,8 @@ from hingepair.rotations.euler import matrix_to_euler
 
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a robot as URDF text, with its links and joints; warn of rotor inertias, which URDF cannot hold.
+    """Return a robot as URDF text, with its links and joints. Warn of rotor inertias, which URDF cannot hold. Raise
+    an ArgumentError if XML cannot hold a name.
 
     Raises:
         ArgumentError: a name holds a character that XML cannot.
@@ -43,7 +44,7 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
 
 
 class _UrdfWriter:
-    """Builder of the URDF elements of one robot; it keeps the names that are in use.
+    """Builder of the URDF elements of one robot; it records the names of links and joints that are in use.
 
     Args:
         tree: the robot.
@@ -56,8 +57,8 @@ class _UrdfWriter:
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
 
     def build(self, base: str) -> ET.Element:
-        """Return the element <robot> with all links and joints; unless the base is "free", a joint `base` joins it to
-        `world`.
+        """Return the element <robot> with all links and joints. Unless the base is "free", a joint named `base`, of
+        the type "fixed" or "floating", connects the root with a link `world`.
         """
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
@@ -77,8 +78,8 @@ class _UrdfWriter:
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
-        """Add the links of a body, fixed to each other; return the name of the one at the joint's point, which has
-        the mass.
+        """Add the links of a body to the element `root`, and the fixed joints between them. Return the name of the
+        link at the joint's point, which has the mass of the body.
         """
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
@@ -108,8 +109,8 @@ class _UrdfWriter:
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link fixed to a body, and return its name; the name of its joint sorts it by `order` among its
-        siblings.
+        """Add a link that is fixed to a parent link, and return its name. It will carry the joint `joint_name`; the
+        name of its own fixed joint begins with `order`, by which readers sort siblings.
         """
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")
@@ -126,7 +127,10 @@ class _UrdfWriter:
         add_element(element, "axis", xyz=axis_for_urdf(joint.n))
         most = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
         if kind != "continuous" or np.isfinite(list(most.values())).any():
-            limit = {key: value if math.isfinite(value) else DEFAULT_URDF_LIMITS[key] for key, value in most.items()}
+            limit = {
+                key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE[key]
+                for key, value in most.items()
+            }
             if bounded:  # an infinite one of the two is the largest number
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
             add_element(element, "limit", **limit)
@@ -153,7 +157,7 @@ def _is_same_frame(one: Frame, other: Frame) -> bool:
 
 
 def _unused_name(used_names: set[str], name: str) -> str:
-    """Return a name, with a number appended if it is in use, and add it to the used names."""
+    """Return a name, with a number appended if it is in use, and add it to the set `used_names`."""
     unused = next(
         one for one in (name, *(f"{name}_{i}" for i in range(2, len(used_names) + 3))) if one not in used_names
     )

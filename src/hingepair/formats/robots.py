@@ -78,8 +78,8 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the names of all robots of example-robot-data, sorted: the file's stem where it is unique, else
-    `folder/stem`.
+    """Return a sorted tuple of the names of all robots of example-robot-data: the stem of the URDF file if it is
+    unique, else `folder/stem`. Raise a MissingDependencyError if the package is not installed.
 
     Raises:
         MissingDependencyError: example-robot-data is not installed.
@@ -90,7 +90,8 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_urdf(robot: str) -> Path:
-    """Return the path of the URDF file of a robot of example-robot-data.
+    """Return the path of the URDF file of a robot of example-robot-data. Raise an ArgumentError if there is not
+    exactly one robot of this name.
 
     Raises:
         ArgumentError: no such robot, or more than one.
@@ -109,7 +110,9 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _expected_robot_text(robot: str) -> str:
-    """Return the text of an error on an unknown robot: how many robots there are, and the nearest names."""
+    """Return the text that a message on an unknown robot gives as expected: the number of robots and the nearest
+    names.
+    """
     import difflib
 
     names = robot_names()
@@ -126,9 +129,10 @@ def _stem(name: str) -> str:
 
 @functools.cache
 def _urdf_paths() -> Mapping[str, Path]:
-    """Return the paths of all URDF files of example-robot-data by `folder/stem`, read once.
+    """Return the paths of all URDF files of example-robot-data in a read-only, cached mapping by `folder/stem`. Raise
+    a MissingDependencyError if the package is not installed.
 
-    The package holds data only, and where its installer put them is for its own list of files to say.
+    The package holds only data; the list of files that its installer wrote says where they are.
     """
     import importlib.metadata
 

@@ -77,8 +77,8 @@ def hinge_pair(
     name: str,
     warn: bool = False,
 ) -> HingePair:
-    """Return one hinge of a robot, which was read before, as a HingePair; `warn` tells of masses that no rigid body
-    has.
+    """Return one hinge of a URDF record as a HingePair with a given name. Mass properties that no rigid body can have
+    are left out; if `warn`, with a warning. Raise a URDFError if there is no such hinge or frame.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.
@@ -106,7 +106,9 @@ def hinge_pair(
 
 
 def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> dict[str, FramePose]:
-    """Return the pose of every link that is rigidly fixed to a hinge's link, by name, in the axes of that link."""
+    """Return a dict of the poses of a link of a hinge and of all links that are rigidly fixed to it, by name, in the
+    axes of the link. Raise a URDFError if the links do not form a tree.
+    """
     robot.check_link(link, hinge)
     poses = {link: IDENTITY_POSE}
     waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
@@ -128,8 +130,8 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
 
 
 def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
-    """Return the pose of a frame, of the link itself for None; raise an error for a frame that is not fixed to the
-    link.
+    """Return the pose of a frame; for None, the pose of the link itself. Raise a URDFError, which names the argument,
+    for a frame that is not fixed to the link.
     """
     link_name = link if frame is None else frame
     if not isinstance(link_name, str) or link_name not in poses:
@@ -138,11 +140,11 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body in the frame of their poses; None if no rigid body has
-    their masses.
+    """Return links that are fixed to each other as one Body in the frame of their poses. Return None if no link has
+    mass, or if no rigid body can have their mass properties; if `warn`, warn of the latter.
 
-    Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
-    zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
+    Links without mass are not counted. Some robots have mass properties that no rigid body can have, such as a
+    negative mass.
     """
     with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
         inertias = {link: robot.links[link][0].inertia().placed(pose) for link, pose in poses.items()}
@@ -162,5 +164,5 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
-    """Return the boxes, cylinders and spheres of links; none where a link is drawn by anything else."""
+    """Return a tuple of the boxes, cylinders and spheres of links; empty if a link is drawn by anything else."""
     return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

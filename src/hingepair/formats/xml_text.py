@@ -11,10 +11,13 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
 
-DEFAULT_URDF_LIMITS = {"effort": 1000.0, "velocity": 100.0}
+DEFAULT_URDF_LIMIT_BY_ATTRIBUTE = {"effort": 1000.0, "velocity": 100.0}
 """Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
 
-_SNAPPED_COMPONENT_RANGE = (2.0**-53, 2.0**-39)  # second largest components of an axis that readers may take for zero
+_SNAPPED_AXIS_COMPONENT_RANGE = (
+    2.0**-53,
+    2.0**-39,
+)  # second largest components of an axis that readers may take for zero
 # Compiled when used, which takes milliseconds.
 _INVALID_XML_CHARACTER_PATTERN = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
@@ -30,10 +33,10 @@ def check_xml_text(argument: str, text: str) -> None:
 
 
 def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
-    """Add a child to an element of XML, and return the child. Its attributes are texts, numbers and arrays of
-    numbers.
+    """Add a child with a tag to an XML element, and return the child. Its attributes are texts, numbers or arrays of
+    numbers, which are converted to text.
 
-    Numbers have all their digits (repr knows no locale), and no -0 a sign.
+    Numbers are written with all their digits (repr does not depend on the locale), and -0 as 0.
     """
     texts = {
         key: " ".join(repr(number + 0.0) for number in np.ravel(value).tolist())
@@ -50,7 +53,7 @@ def document(root: ET.Element) -> str:
 
 
 def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Add a joint with its parent and child links to a URDF robot, and return the joint's element."""
+    """Add a joint element of a kind, which names its parent and child links, to a URDF robot; return the element."""
     joint = add_element(robot, "joint", name=name, type=kind)
     add_element(joint, "parent", link=parent)
     add_element(joint, "child", link=child)
@@ -58,13 +61,14 @@ def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: 
 
 
 def axis_for_urdf(axis: Float64Array) -> Float64Array:
-    """Return a unit axis as URDF readers keep it: slightly longer where they would take it for x, y or z.
+    """Return a unit axis in a form that URDF readers keep. An axis that readers would replace by x, y or z, because
+    it is nearly parallel to it, is returned slightly longer.
 
     Pinocchio takes an axis that is within 1e-12 of x for x, but normalises one that is longer by more than that.
     """
     return (
-        axis * (1 + 2 * _SNAPPED_COMPONENT_RANGE[1])
-        if _SNAPPED_COMPONENT_RANGE[0] < np.sort(np.abs(axis))[1] < _SNAPPED_COMPONENT_RANGE[1]
+        axis * (1 + 2 * _SNAPPED_AXIS_COMPONENT_RANGE[1])
+        if _SNAPPED_AXIS_COMPONENT_RANGE[0] < np.sort(np.abs(axis))[1] < _SNAPPED_AXIS_COMPONENT_RANGE[1]
         else axis
     )
 

@@ -22,8 +22,9 @@ from hingepair.plans.trees import compute_request
 def error_bounds(
     computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of a robot's outputs at every sample; return them by output name. An
-    output has one bound for its largest component; motion has one for each frame, along the last axis.
+    """Compute bounds on the rounding errors of a robot's outputs at every sample; return a dict of arrays by output
+    name. An output has one bound for its largest component. An output of motion has one bound for each frame, along
+    the last axis.
     """
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
@@ -32,7 +33,9 @@ def error_bounds(
     frame_count = len(request.frames)
 
     def block_bounds(block_inputs: Named) -> Mapping[str, Any]:
-        """Return the bounds of all outputs, by name, for one block of samples whose inputs are given by name."""
+        """Return a dict of the error bounds of all outputs by name, for one block of samples; its inputs are given by
+        name.
+        """
         bounded_inputs = {name: tuple(kind.rounded(c) for c in group) for name, group in block_inputs.items()}
         pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
         bounded_inputs["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
@@ -69,8 +72,9 @@ def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, .
 
 
 def _largest_bounds(components: Any, frame_count: int) -> Any:
-    """Return the largest error bound of some components. If `frame_count` is not 0, return a tuple with the largest
-    bound of each frame, whose components follow each other.
+    """Return the largest error bound of an output's components; numbers without a bound count as exact. If
+    `frame_count` is not 0, return a tuple with the largest bound of each frame; the components of a frame are
+    consecutive.
     """
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
     if not frame_count:

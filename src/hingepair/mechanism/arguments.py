@@ -17,23 +17,38 @@ from hingepair.pair.forward_kinematics import read_component
 Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 """One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
 
-ATTRIBUTE_BY_BASE_INPUT: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+MOTION_ATTRIBUTE_BY_BASE_INPUT: Final = {
+    "R1": "R",
+    "S1": "S",
+    "v1": "v",
+    "omega1": "omega",
+    "a1": "a",
+    "alpha1": "alpha",
+}
 """Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
 
-_BASE_RATE_INPUTS: Final = ("v1", "omega1", "a1", "alpha1")  # inputs that are 0 for a base at rest
+_BASE_VELOCITY_AND_ACCELERATION_NAMES: Final = (
+    "v1",
+    "omega1",
+    "a1",
+    "alpha1",
+)  # inputs that are 0 for a base at rest
 
-RESTING_BASE_INPUTS: Final[Mapping[str, tuple[float, ...]]] = {
+RESTING_BASE_VALUE_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 }
 """Inputs of a base that rests at the origin, by name."""
 
-ZERO_BASE_LOAD_INPUTS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
+ZERO_BASE_LOAD_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
+    ("force1", "torque1"), (0.0, 0.0, 0.0)
+)
 """Inputs of a base without loads, by name."""
 
 
 class InputValues(NamedTuple):
-    """Checked arguments of a robot's method: values, in the form that generated programs take, and shapes.
+    """Checked arguments of a robot's method: values in the form that generated programs take, the shapes of their
+    samples, and the library of their arrays.
 
     Attributes:
         parts: values by input name: arrays with the components last, or tuples of components (numbers or arrays).
@@ -54,6 +69,7 @@ def read_arguments(
     labelled_loads: Mapping[str, Any],
 ) -> InputValues:
     """Check the arguments of a robot's method, and return them as InputValues, the form that generated programs take.
+    Loads are given as (value, name for messages). Raise an ArgumentError if an argument cannot be used.
 
     Args:
         joint_names: names of the joints with a coordinate, in order.
@@ -70,7 +86,7 @@ def read_arguments(
             raise ArgumentError(name, "values of the joints, since the method needs them", None)
     base = _base_arrays(base_motion, needed_inputs)
     loads = {label: value for value, label in labelled_loads.values() if is_foreign(value)}
-    motion = {f"base_motion.{ATTRIBUTE_BY_BASE_INPUT[name]}": value for name, value in base.items()}
+    motion = {f"base_motion.{MOTION_ATTRIBUTE_BY_BASE_INPUT[name]}": value for name, value in base.items()}
     library = common_library({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -85,8 +101,8 @@ def read_arguments(
 
 
 def common_library(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the library whose arrays some arguments are, or None for NumPy; values in a dict by joint are examined
-    too.
+    """Return the array library of the arguments, such as JAX, or None if all are numbers and NumPy arrays. An
+    argument may be a dict of values by joint. Raise an ArgumentError if arrays of two libraries are mixed.
 
     Raises:
         ArgumentError: they are arrays of two libraries; names one of them.
@@ -106,7 +122,8 @@ def read_coordinates(
     name: str, value: Any, joint_names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
     """Check the argument q, qd, qdd or tau, and return its values and the shape of its samples. The values are an
-    array with one column for each joint, or a tuple of one component for each joint.
+    array with one column for each joint, or a tuple of one component for each joint. Raise an ArgumentError if the
+    argument cannot be used.
 
     Args:
         name: name of the argument: q, qd, qdd or tau.
@@ -136,8 +153,8 @@ def read_coordinates(
 
 
 def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a table (such as a DataFrame) that hold q, qd, qdd or tau, by column name, in the order
-    of q.
+    """Return the columns of a table (such as a DataFrame) that hold the argument `name` (q, qd, qdd or tau), in a
+    dict by column name in the order of q. Raise an ArgumentError if columns are missing.
     """
     endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
     families = [tuple(f"{joint}{ending}" for joint in joint_names) for ending in endings]
@@ -146,7 +163,7 @@ def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> d
 
 def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
     """Check a dict of values by joint; return the values as a tuple in the order of q, and the shape of their
-    samples.
+    samples. Raise an ArgumentError if a joint is unknown or missing.
     """
     for joint in values:
         if joint not in joint_names:
@@ -169,8 +186,9 @@ def _joint_list(names: Sequence[str]) -> str:
 
 
 def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return the needed arrays of the base's motion by input name; raise an error where one is missing. Rates of a
-    base without any are left out, and a base at the origin (None) has no arrays.
+    """Return a dict of the needed arrays of the base's motion by input name, which is empty for None. Raise an
+    ArgumentError if a needed array is missing. If the motion has only a pose, velocities and accelerations are not
+    needed.
     """
     if base_motion is None:
         return {}
@@ -179,8 +197,8 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
     arrays = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed_inputs:
-        if name in ATTRIBUTE_BY_BASE_INPUT and not (at_rest and name in _BASE_RATE_INPUTS):
-            letter = ATTRIBUTE_BY_BASE_INPUT[name]
+        if name in MOTION_ATTRIBUTE_BY_BASE_INPUT and not (at_rest and name in _BASE_VELOCITY_AND_ACCELERATION_NAMES):
+            letter = MOTION_ATTRIBUTE_BY_BASE_INPUT[name]
             arrays[name] = getattr(base_motion, letter)
             if arrays[name] is None:
                 expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
@@ -189,7 +207,9 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Check a force or a torque; return it and its leading shape. The number 0 becomes three zeros."""
+    """Check a force or a torque, shape (..., 3); return it and its leading shape. The number 0 becomes three zeros.
+    Raise an ArgumentError, which has the given name, for another shape.
+    """
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
     if is_foreign(value):
@@ -200,7 +220,8 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Check the argument `wrenches`, and return a dict of (force, torque) by link, which is empty for None.
+    """Check the argument `wrenches`, and return a dict of (force, torque) by link, which is empty for None. Raise an
+    ArgumentError for an unknown link or a value that is not a pair.
 
     Raises:
         ArgumentError: an unknown link, or no pair of vectors; the error names it.

@@ -30,7 +30,8 @@ BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 def tree_of_pairs(
     pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
 ) -> Tree:
-    """Return the tree of a robot that is given as hinges and sliders; check the arguments.
+    """Return the tree of a robot that is given as hinges and sliders with the numbers of their parents. Raise an
+    ArgumentError if they do not form a tree in the order of q.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
@@ -44,8 +45,9 @@ def tree_of_pairs(
 def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
-    """Return the tree of a robot in URDF, with `locked` joints held, and angles within `snap` of a quarter turn made
-    exact.
+    """Read a robot from URDF, and return its tree. Joints in `locked` are held at the given positions [rad or m].
+    Angles within `snap` [rad] of a multiple of pi/2 are replaced by that multiple. Raise a URDFError if the URDF is
+    no tree of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -57,8 +59,8 @@ def tree_of_urdf(
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return the tree of a Pinocchio model, and the kind of its base: `base`, or by default "free" with a free-flyer
-    and "fixed" without.
+    """Return the tree of a Pinocchio model and the kind of its base, "fixed" or "free". Unless `base` is given, the
+    base is "free" if the model has a free-flyer. Joints in `locked` are held at the given positions [rad or m].
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
@@ -70,9 +72,8 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
 
 
 def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
-    """Return a joint as a HingePair or Slider between the frames of the two bodies that it connects.
-
-    A body has mass properties in the pair where a rigid body can have them.
+    """Return a joint as a HingePair or Slider between the frames of the two bodies that it connects. A body is None
+    in the pair if it has no mass, or if no rigid body can have its mass properties.
     """
     carrier = tree.base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
@@ -91,14 +92,15 @@ def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
 
 
 def _body_or_none(masses: MassProperties) -> Body | None:
-    """Return mass properties as a Body; None where the mass is 0 or no rigid body has them."""
+    """Return mass properties as a Body; None if the mass is 0 or no rigid body can have them."""
     if not masses.mass or unphysical_reason(masses):
         return None
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
 
 
 def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
-    """Return a tree with the mass and the shapes of a further body, which is fixed to the frame `link`.
+    """Return a copy of a tree with the mass and the shapes of a further body, which is fixed to the frame `link`.
+    Raise an ArgumentError if there is no such frame. `base` is the kind of the base, "fixed" or "free".
 
     Raises:
         ArgumentError: no such frame, or no Body.
@@ -123,7 +125,8 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return a tree with a further frame, whose pose is given in an existing frame.
+    """Return a copy of a tree with a further frame, at position R and rotation S in an existing frame. Raise an
+    ArgumentError if the name is in use, or R or S cannot be used.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.

@@ -23,9 +23,9 @@ Exact: TypeAlias = list[Fraction]
 
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
 _MIN_PIVOT_THRESHOLD: Final = 1e-300  # [kg or kg m^2] threshold of a pivot for a joint that carries no mass
-_RELATIVE_PIVOT_TOLERANCE: Final = 64 * 2.0**-53
+_PIVOT_TOLERANCE_TO_CARRIED_INERTIA: Final = 64 * 2.0**-53
 """Share of the inertia of all bodies beyond a joint below which a pivot is rounding."""
-_OBLIQUE_AXES_ERROR: Final = 16 * 2.0**-53
+_OBLIQUE_AXES_RELATIVE_ERROR: Final = 16 * 2.0**-53
 """Rounding error of oblique axes and of products with them, over the largest entry."""
 # Axes of a program by the joint's axis, where they permute those of the body.
 _PERMUTED_AXES_BY_JOINT_AXIS: Final = {  # columns of the body's axes: x, y and z of the program's axes
@@ -37,8 +37,8 @@ _PERMUTED_AXES_BY_JOINT_AXIS: Final = {  # columns of the body's axes: x, y and 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotConstants:
-    """Constants of a robot's generated programs: numbers with their error bounds, pivot thresholds, axes, and a
-    cache.
+    """Constants of a robot's generated programs: structure, names of the joints, numbers with their error bounds,
+    pivot thresholds, axes of the bodies, and a cache.
 
     Attributes:
         form: structure of the robot, on which programs depend.
@@ -66,7 +66,9 @@ class RobotConstants:
 
 
 def robot_constants(tree: Tree, free: bool) -> RobotConstants:
-    """Compute the constants of a robot's generated programs; the mass of the base counts only if the base is free."""
+    """Compute the constants of a robot's generated programs, and return them as RobotConstants. The mass of the base
+    counts only if the base is free.
+    """
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
     oblique = [bool((np.count_nonzero(value, axis=0) > 1).any()) for value in axes]
@@ -80,7 +82,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         pose, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
         numbers += [*pose, *masses, joint.armature, multiplier, offset, thresholds[k]]
         turned = oblique[k] or oblique[joint.parent]
-        pose_bound = _OBLIQUE_AXES_ERROR * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
+        pose_bound = _OBLIQUE_AXES_RELATIVE_ERROR * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
         bounds += [pose_bound] * len(pose)
         bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
     folded, parameters = split_numbers(numbers)
@@ -115,8 +117,8 @@ def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
 
 
 def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
-    """Return the exact derivatives of a robot's numbers by the ten mass properties of a payload in a frame, as ten
-    rows (T9).
+    """Return the exact derivatives of a robot's program numbers with respect to the ten mass properties of a payload
+    in a frame, as a list of ten rows (T9).
 
     The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
     about the frame's origin, in the frame's axes. The numbers are linear in them.
@@ -146,8 +148,8 @@ def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
 
 
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Split numbers into two tuples: all of them, with None for those that programs do not fold, and these others
-    alone. Programs fold 0, 1 and -1.
+    """Split numbers into those that programs fold (0, 1 and -1) and the parameters; return two tuples. The first has
+    all positions, with None in place of each parameter; the second has only the parameters.
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
     folded = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_numbers)
@@ -167,7 +169,7 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
 
 
 def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """Convert names to unique identifiers for generated code."""
+    """Convert names to a tuple of unique identifiers for generated code; other characters become underscores."""
     identifiers: list[str] = []
     for name in names:
         clean = re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -181,7 +183,9 @@ def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
 
 
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation whose third column is a unit axis; a permutation for axes along x, y or z."""
+    """Return a rotation matrix whose third column is a unit axis; an exact signed permutation for axes along x, y or
+    z.
+    """
     size = tuple(np.abs(n).tolist())
     if size in _PERMUTED_AXES_BY_JOINT_AXIS:
         columns = np.array(_PERMUTED_AXES_BY_JOINT_AXIS[size], float).T
@@ -221,7 +225,9 @@ class _MassMoments:
 
 
 def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Compute the exact moments of a body from its mass properties in its own axes."""
+    """Compute the exact moments of a body in the program's axes, from its mass properties in its own axes. `axes` is
+    the rotation from the program's axes to its own axes.
+    """
     c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
     m = Fraction(body.mass)
     half = (inertia[0] + inertia[4] + inertia[8]) / 2
@@ -232,7 +238,9 @@ def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMo
 
 
 def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
-    """Compute the exact moments of every body, the base first; those of a fixed base are 0."""
+    """Compute the exact moments of every body in the program's axes, in a list with the base first; the moments of a
+    fixed base are 0.
+    """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
     return [_moments_of_body(body, body_axes) for body, body_axes in zip(bodies, axes, strict=True)]
@@ -255,8 +263,8 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 def _shift_to_parents(
     tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Shift the moments that do not depend on a joint's position from its body to the parent (T9). The list is
-    changed in place and returned.
+    """Move the parts of each body's moments that do not depend on the position of its joint to the parent body (T9).
+    The list is changed in place and returned.
     """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]
@@ -292,7 +300,9 @@ def _rounded_numbers(moments: _MassMoments) -> list[float]:
 
 
 def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
-    """Return all bodies' mass numbers at their positions among a robot's numbers, in a list; 0 at all others."""
+    """Return a list as long as a robot's program numbers, with the mass and moments of all bodies at their positions
+    and 0 at all others.
+    """
     before = [Fraction(0)] * 12  # in the place of S and u
     behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
     joints = (part for body_moments in moments[1:] for part in (*before, *_ten_numbers(body_moments), *behind))
@@ -324,13 +334,13 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
     """Bound the rounding errors of a body's ten numbers, larger if axes are oblique and thus rounded."""
-    size = _OBLIQUE_AXES_ERROR * max(map(abs, numbers)) if oblique else 0.0
+    size = _OBLIQUE_AXES_RELATIVE_ERROR * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Return for the base and every joint the size below which a pivot D is rounding (T5); 0 if D cannot be that
-    small.
+    """Return a list with the base first and then every joint: the size below which a pivot D is only rounding error
+    (T5), or 0 if D cannot be that small.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.
@@ -349,7 +359,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[f
         reach = float(np.abs(joint.u).sum())
         if slides and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
-        smallest = _RELATIVE_PIVOT_TOLERANCE * (mass[k] if slides else spread[k])
+        smallest = _PIVOT_TOLERANCE_TO_CARRIED_INERTIA * (mass[k] if slides else spread[k])
         own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
         thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, _MIN_PIVOT_THRESHOLD)
         mass[p] += mass[k]

@@ -17,9 +17,9 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import (
-    ATTRIBUTE_BY_BASE_INPUT,
-    RESTING_BASE_INPUTS,
-    ZERO_BASE_LOAD_INPUTS,
+    MOTION_ATTRIBUTE_BY_BASE_INPUT,
+    RESTING_BASE_VALUE_BY_INPUT,
+    ZERO_BASE_LOAD_BY_INPUT,
     InputValues,
     check_out_names,
 )
@@ -35,20 +35,20 @@ MASS_INDEPENDENT_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian
 
 # Shapes of one sample of the inputs that describe the base.
 _SHAPE_BY_BASE_INPUT: Final = {
-    **dict.fromkeys(ATTRIBUTE_BY_BASE_INPUT, (3,)),
+    **dict.fromkeys(MOTION_ATTRIBUTE_BY_BASE_INPUT, (3,)),
     "S1": (3, 3),
     "force1": (3,),
     "torque1": (3,),
 }
 # Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
-_ATTITUDE_LIMIT_BY_ITEMSIZE: Final = {
+_ATTITUDE_ERROR_LIMIT_BY_ITEMSIZE: Final = {
     size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
 _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
 
 class RobotComputation:
-    """The computation of some outputs of one robot, with its constants and its compiled calls.
+    """The computation of some outputs of one robot, with its constants and a cache of its compiled calls.
 
     Args:
         constants: constants of the robot.
@@ -89,25 +89,30 @@ class RobotComputation:
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return all inputs by name; by default the base rests and no load acts."""
-        assumed = {**RESTING_BASE_INPUTS, **ZERO_BASE_LOAD_INPUTS, "gravity": gravity, "constants": self.parameters}
+        assumed = {
+            **RESTING_BASE_VALUE_BY_INPUT,
+            **ZERO_BASE_LOAD_BY_INPUT,
+            "gravity": gravity,
+            "constants": self.parameters,
+        }
         return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
 
     def call(
         self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
     ) -> Call:
-        """Return the call for arguments of these names, made at its first use. With `check_attitude`, the call
-        refuses an S1 that is no rotation.
+        """Return the call for arguments of these names, which is made at its first use and cached. With
+        `check_attitude`, the call raises an error for an S1 that is not a rotation.
         """
         key = argument_names, gravity, backend, check_attitude
         call = self._calls.get(key)
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
             has_check = check_attitude and "S1" in argument_names
-            check = {"attitude_check": _ATTITUDE_LIMIT_BY_ITEMSIZE} if has_check else {}
+            check = {"attitude_check": _ATTITUDE_ERROR_LIMIT_BY_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {
-                **RESTING_BASE_INPUTS,
-                **ZERO_BASE_LOAD_INPUTS,
+                **RESTING_BASE_VALUE_BY_INPUT,
+                **ZERO_BASE_LOAD_BY_INPUT,
                 "gravity": gravity,
                 "constants": self.parameters,
             }
@@ -131,8 +136,8 @@ class RobotComputation:
         execution: Execution,
         check_attitude: bool = False,
     ) -> Any:
-        """Compute the outputs at all samples, and return them as a result, or the only one as a bare array; write
-        into `out`.
+        """Compute the outputs at all samples, and return them as an object of the class `result`, or the only output
+        as a bare array. Write into the arrays of `out`. Raise an ArgumentError if `out` or a shape cannot be used.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
@@ -149,8 +154,8 @@ class RobotComputation:
             raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
 
     def count_operations(self, known_inputs: Mapping[str, Any] | None = None) -> OperationCounts:
-        """Count the operations of the program with known inputs left out, and those of the program without known
-        inputs.
+        """Count the operations of the program that folds the known inputs, and of the program without known inputs;
+        return them as OperationCounts.
 
         Args:
             known_inputs: arguments by input name, of which numbers are known; arrays of samples unless given.
@@ -160,7 +165,7 @@ class RobotComputation:
         full = loop.program(bind(loop.inputs, sample_arrays).pattern)
         bound_inputs = {
             **sample_arrays,
-            **{name: value for name, value in RESTING_BASE_INPUTS.items() if name in sample_arrays},
+            **{name: value for name, value in RESTING_BASE_VALUE_BY_INPUT.items() if name in sample_arrays},
             "constants": self.parameters,
             **{name: value for name, value in (known_inputs or {}).items() if name in sample_arrays},
         }

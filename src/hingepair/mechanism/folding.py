@@ -27,7 +27,8 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """Record of a joint (fixed ones included) and of the body that it carries, whose origin is the joint's point.
+    """Record of a joint (fixed joints included), with its limits and its mimic rule, and of the body that it carries,
+    with links, mass properties and shapes. The origin of the body is the joint's point.
 
     Attributes:
         name: name of the joint.
@@ -71,8 +72,9 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the tree of the joints that move; fixed and locked joints are merged into their bodies. Warn of joints
-    that are locked beyond their limits.
+    """Return the tree of the joints that move, from parts (the base, then the joints). The bodies that fixed and
+    locked joints connect are merged. Warn of joints that are locked beyond their limits. Raise an ArgumentError if a
+    locked joint or a leader does not exist.
 
     Args:
         name: name of the robot.
@@ -121,7 +123,9 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Check the positions of locked joints, and return them by name; warn of positions beyond the joints' limits."""
+    """Check the positions of locked joints, and return them in a dict by name. Warn of positions beyond the joints'
+    limits; raise an ArgumentError for an unknown joint.
+    """
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
     joint_names = [part.name for part in parts if part.kind != "fixed"]
@@ -142,14 +146,15 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return by name whether each joint is held (its position), follows another (a MimicRecord) or moves by itself
-    (None). A follower of a follower follows the last leader.
+    """Return a dict of the rule of each joint by name: its position if it is held, a MimicRecord if it follows
+    another joint, or None if it moves by itself. A chain of followers is composed to a rule for the last leader.
+    Raise an ArgumentError if joints follow each other in a circle.
     """
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
-        """Return whether one joint is held, follows another or moves by itself, from the composition of its leaders'
-        rules.
+        """Return the rule of one joint, composed with the rules of its leaders: a position, a MimicRecord, or None.
+        Raise an ArgumentError if the joint follows itself.
         """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
@@ -172,8 +177,8 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return a list of (number of the body, pose in that body) for the parts; parts that do not move belong to a
-    carrier's body.
+    """Return a list of (number of the body, pose in that body) for the parts. A part that does not move belongs to
+    the body of the part that carries it.
     """
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
@@ -187,7 +192,7 @@ def _body_poses(
 
 
 def _displacement(part: JointPart, position: float) -> FramePose:
-    """Return the pose of a body whose joint is at a position [rad or m], in its axes at position 0."""
+    """Return the pose of a joint's body at a position [rad or m], in the axes that the body has at position 0."""
     if position == 0 or part.kind == "fixed":
         return IDENTITY_POSE
     if part.kind == "slider":
@@ -227,7 +232,9 @@ def _tree_joint(
 def _links_and_frames(
     parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
-    """Return two dicts of frames by name: those of links, and further ones, of folded joints and of parts."""
+    """Return two dicts of frames by name: the frames of links, and the further frames (of fixed and locked joints,
+    and those that the parts list).
+    """
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
     for part, (body, pose) in zip(parts, body_poses, strict=True):
@@ -277,7 +284,9 @@ def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
 
 
 def unphysical_reason(masses: MassProperties) -> str:
-    """Return why no rigid body has some mass properties; "" if a rigid body has them or the mass is 0."""
+    """Return the reason, as text, why no rigid body can have some mass properties; "" if a rigid body can have them
+    or the mass is 0.
+    """
     if not masses.mass and not masses.inertia.any():
         return ""
     try:

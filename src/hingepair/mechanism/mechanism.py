@@ -319,7 +319,7 @@ class Mechanism(MechanismMethods):
 
 
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
-    """Return a robot with a given tree, without the checks of the constructor."""
+    """Return a robot of the given class with a given tree, without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)
     mechanism._set(tree, base)
     return mechanism

@@ -65,7 +65,7 @@ _BARE_ARRAY_OUTPUTS: Final = (
     "centre_of_mass_bias",
 )
 """Outputs that are returned as bare arrays if they are the only output."""
-_BOUNDED_OUTPUTS: Final = (
+_OUTPUTS_WITH_ERROR_BOUNDS: Final = (
     *FRAME_MOTION_OUTPUTS,
     *_INVERSE_DYNAMICS_OUTPUTS,
     *_BARE_ARRAY_OUTPUTS,
@@ -95,7 +95,7 @@ class MechanismMethods(Shown):
 
     @property
     def _constants(self) -> RobotConstants:
-        """Constants of the robot's programs, computed at first access."""
+        """Constants of the robot's programs, which are computed at first access and cached."""
         try:
             constants = self._cached_constants
         except AttributeError:
@@ -172,7 +172,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the Jacobian J of a frame, shape (..., 6, dof): (v, omega) = J @ qd (E2, E8). For a free base, J
-        has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd).
+        has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd). The array `out` is written in place.
 
         v is the velocity of the frame's origin, and omega its angular velocity, both in world axes. Pinocchio calls
         this Jacobian LOCAL_WORLD_ALIGNED.
@@ -296,7 +296,7 @@ class MechanismMethods(Shown):
             loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        accepted_names = (*_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
+        accepted_names = (*_OUTPUTS_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
         names = self._requested_outputs(outputs, level, None, accepted_names)
         computation = self._computation(names, self._named_frames("frames", frames))
@@ -323,7 +323,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismForces:
         """Compute the joint torques and forces, and the load on the base, that a motion of the robot requires
-        (T1-T3). Arrays in `out` are written in place.
+        (T1-T3). Arrays in `out` are written in place. Warn once of masses that are assumed or that no rigid body can
+        have.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -734,8 +735,9 @@ class MechanismMethods(Shown):
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
-        """Check the argument `outputs` of `prepare`, and return the names of the outputs that the prepared call
-        computes.
+        """Check the argument `outputs` of `prepare`, and return a tuple of the names of the outputs that the prepared
+        call computes. `given` is the argument of `prepare`, and `argument_names` are the names of the call's
+        arguments. Raise an ArgumentError for an unknown output.
         """
         acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
@@ -767,7 +769,8 @@ class MechanismMethods(Shown):
     # ---- internal
 
     def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Check names of frames, and return the frames by name; by default those of the last links of all branches.
+        """Check names of frames, and return a dict of the frames by name; for None, the frames of the last links of
+        all branches. Raise an error that names the argument if there is no such frame.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -814,8 +817,9 @@ class MechanismMethods(Shown):
         out: Out,
         accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUTS,
     ) -> tuple[str, ...]:
-        """Check the argument `outputs`, and return the names to compute. By default these are all outputs of motion
-        up to a level (0 pose, 1 velocity, 2 acceleration), and those in `out`.
+        """Check the argument `outputs`, and return a tuple of the names to compute. For None, these are all outputs
+        of motion up to a level (0 pose, 1 velocity, 2 acceleration), and those in `out`. Raise an ArgumentError for a
+        name that is not accepted.
         """
         default_names = tuple(name for names in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in names)
         return _checked_outputs(outputs, out, accepted_names, default_names)
@@ -823,8 +827,8 @@ class MechanismMethods(Shown):
     def _computation(
         self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
     ) -> RobotComputation:
-        """Return the computation of these outputs and frames, made at its first use. Wrenches act on the first
-        `loaded_frame_count` frames.
+        """Return the computation of these outputs and frames, which is made at its first use and cached. Wrenches act
+        on the first `loaded_frame_count` frames.
         """
         names = tuple(frames or ())
         key = outputs, names, loaded_frame_count
@@ -847,7 +851,9 @@ class MechanismMethods(Shown):
     def _check_needed_inputs(
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
     ) -> None:
-        """Raise an error for outputs that need derivatives or efforts which were not given."""
+        """Check that the coordinates hold each of q, qd, qdd and tau that the outputs need; raise an ArgumentError if
+        one is missing.
+        """
         for name in ("q", "qd", "qdd", "tau"):
             if name in computation.inputs and name not in coordinates:
                 needs = [
@@ -858,8 +864,8 @@ class MechanismMethods(Shown):
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 
     def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Check wrenches; return (value, name for messages) by input name, and the frames of the loaded links by
-        link.
+        """Check the argument `wrenches`; return a dict of (value, name for messages) by input name, and a dict of the
+        frames of the loaded links by link. Raise an ArgumentError for an unknown link.
         """
         by_link = read_wrenches(wrenches, self.tree.links)
         labelled_loads = {
@@ -870,8 +876,8 @@ class MechanismMethods(Shown):
         return labelled_loads, {link: self.tree.links[link] for link in by_link}
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return (value, name for messages) by input name of the loads on a free base; loads of the number 0 are left
-        out.
+        """Return a dict of (value, name for messages) by input name for the loads on a free base. Loads of the number
+        0 are left out. Raise an ArgumentError for other loads if the base is fixed.
 
         Raises:
             ArgumentError: the base is fixed.
@@ -896,8 +902,8 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = GRAVITY,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation at all samples, and return them; write into `out`. Warn of doubtful
-        masses that the outputs depend on.
+        """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`. For
+        Dask arrays, return lazy arrays. Warn once of assumed or impossible masses if the outputs depend on masses.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
@@ -980,14 +986,16 @@ class MechanismMethods(Shown):
         backend: str,
         gravity: ArrayLike = GRAVITY,
     ) -> FloatArray:
-        """Compute the only output of a computation, and return it as a bare, writable array; write into `out`."""
+        """Compute the only output of a computation, and return it as a bare, writable array; write into the array
+        `out`.
+        """
         (name,) = computation.request.outputs
         arrays = None if out is None else {name: out}
         result: FloatArray = self._run(computation, coordinates, base_motion, arrays, workers, backend, gravity)
         return result
 
     def _warn_of_masses(self) -> None:
-        """Warn once of masses that are assumed, or that no rigid body can have."""
+        """Warn of masses that are assumed, or that no rigid body can have, at the first call only."""
         prepared = self._constants.cache
         if "doubts" not in prepared:
             prepared["doubts"] = True
@@ -997,7 +1005,9 @@ class MechanismMethods(Shown):
     def _warn_where_singular(
         self, result: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
     ) -> None:
-        """Warn if the mass matrix is singular at any sample, and name a joint that no inertia resists."""
+        """Warn if the accelerations are NaN at any sample because the mass matrix is singular there; name a joint
+        whose motion no inertia resists.
+        """
         if not self._constants.may_be_singular or not isinstance(result.qdd, np.ndarray):
             return
         bad = np.asarray(np.isnan(result.qdd).any(axis=-1))
@@ -1023,8 +1033,8 @@ def _checked_outputs(
     accepted_names: tuple[str, ...],
     default_names: tuple[str, ...] | None = None,
 ) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return the names to compute. For None, these are the default names (unless
-    given, all that are accepted) and those in `out`.
+    """Check the argument `outputs`, and return a tuple of the names to compute. For None, these are the default names
+    (unless given, all accepted names) and those in `out`. Raise an ArgumentError for a name that is not accepted.
     """
     if outputs is None:
         more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()

@@ -17,23 +17,24 @@ from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
 # Names of the joint types that are hinges.
-_PINOCCHIO_HINGE_TYPES = {
+_PINOCCHIO_HINGE_TYPE_NAMES = {
     *(f"JointModelR{axis}" for axis in "XYZ"),
     *(f"JointModelRUB{axis}" for axis in "XYZ"),
     "JointModelRevoluteUnaligned",
     "JointModelRevoluteUnboundedUnaligned",
 }
 # Names of the joint types that are sliders.
-_PINOCCHIO_SLIDER_TYPES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
-_QUARTER_TURN_TOLERANCE = 2.0**-50
+_PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
+_QUARTER_TURN_ENTRY_TOLERANCE = 2.0**-50
 """Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
 
-_MISSING_LIMIT_VALUE: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
+_PINOCCHIO_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return the kind of the base of a Pinocchio model ("free" with a free-flyer), and its joints as parts, the base
-    first. Warn of a gravity in the model that is not the default.
+    """Return the kind of the base of a Pinocchio model ("free" with a free-flyer, else "fixed"), and a list of its
+    joints as parts, the base first. Warn if the gravity of the model is not the default. Raise an ArgumentError for a
+    joint that has no part.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -82,8 +83,9 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 def _parts_of_joint(
     model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
 ) -> list[JointPart]:
-    """Return the parts of one joint, several for a composite joint, the first of which will be part number
-    `first_part`. The last one holds the joint's body.
+    """Return a list of the parts of one joint; a composite joint has several. The first becomes part number
+    `first_part`, on the part `parent_part`; the last holds the joint's body. Raise an ArgumentError for a joint that
+    has no part.
     """
     joint, name, pose = (
         model.joints[joint_number],
@@ -124,11 +126,11 @@ def _part_of_joint(
     idx_v: int,
     body_content: Any,
 ) -> JointPart:
-    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v. Raise an error
-    for a joint of another kind than hinge, slider and follower.
+    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v. Raise an
+    ArgumentError if the joint is not a hinge, a slider or a mimic joint, or if its armature is negative.
     """
     kind = joint.shortname()
-    if kind not in {*_PINOCCHIO_HINGE_TYPES, *_PINOCCHIO_SLIDER_TYPES, "JointModelMimic"}:
+    if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:
         raise _unsupported_joint_error(
             model, joint_number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
         )
@@ -151,7 +153,7 @@ def _part_of_joint(
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return JointPart(
         name,
-        "hinge" if kind in _PINOCCHIO_HINGE_TYPES else "slider",
+        "hinge" if kind in _PINOCCHIO_HINGE_TYPE_NAMES else "slider",
         parent_part,
         pose,
         _unit_axis(motion),
@@ -165,7 +167,7 @@ def _part_of_joint(
 
 def _convert_limit(value: float) -> float:
     """Convert a limit; Pinocchio's largest number, which stands for no limit, becomes infinite."""
-    return float(np.copysign(np.inf, value)) if abs(value) >= _MISSING_LIMIT_VALUE else float(value)
+    return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_MISSING_LIMIT else float(value)
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:
@@ -206,7 +208,9 @@ class _BodyContents:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return the keyword arguments of `JointPart` that describe a joint's body."""
+        """Return a dict of the keyword arguments of `JointPart` that describe the body of a joint: links, leaves,
+        frames and inertias.
+        """
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:
@@ -219,10 +223,12 @@ class _BodyContents:
 
 
 def _convert_placement(placement: Any) -> FramePose:
-    """Convert a placement to a FramePose; a rotation within rounding of a quarter turn becomes that turn exactly."""
+    """Convert a placement of Pinocchio to a FramePose. A rotation that differs only by rounding from one of quarter
+    turns about the axes is replaced by that rotation.
+    """
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)
     return FramePose(
-        near if np.abs(rotation - near).max() <= _QUARTER_TURN_TOLERANCE else rotation,
+        near if np.abs(rotation - near).max() <= _QUARTER_TURN_ENTRY_TOLERANCE else rotation,
         np.array(placement.translation),
     )

@@ -12,8 +12,8 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.arguments import (
-    ATTRIBUTE_BY_BASE_INPUT,
-    ZERO_BASE_LOAD_INPUTS,
+    MOTION_ATTRIBUTE_BY_BASE_INPUT,
+    ZERO_BASE_LOAD_BY_INPUT,
     InputValues,
     check_out_names,
     common_library,
@@ -23,7 +23,7 @@ from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import check_sample_shape
 from hingepair.numeric.arrays import vectors
 
-ARGUMENT_NAMES_BY_METHOD: Final = {
+ARGUMENT_NAMES_BY_COMPUTATION: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -37,13 +37,14 @@ ARGUMENT_NAMES_BY_METHOD: Final = {
 }
 """Names of the arguments of a prepared call, by the method or level of motion for which it is prepared."""
 
-_COORDINATE_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
+_JOINT_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
 # Names that the argument `given` of `prepare` may hold.
-_ACCEPTED_ARGUMENT_NAMES: Final = (*_COORDINATE_ARGUMENT_NAMES, *ATTRIBUTE_BY_BASE_INPUT, *ZERO_BASE_LOAD_INPUTS)
+_ACCEPTED_ARGUMENT_NAMES: Final = (*_JOINT_ARGUMENT_NAMES, *MOTION_ATTRIBUTE_BY_BASE_INPUT, *ZERO_BASE_LOAD_BY_INPUT)
 
 
 class PreparedMechanism:
-    """A prepared call of a robot: a callable of arrays in the order of `given`, and of `out=`.
+    """A prepared call of a robot: a callable that takes arrays in the order of `given`, and optionally `out=`, and
+    returns the results of a method.
 
     Attributes:
         given: names of the arguments, in order.
@@ -119,8 +120,8 @@ class PreparedMechanism:
         return self._run_any_arguments(given, arrays)
 
     def _run_any_arguments(self, arguments: Sequence[Any], out: Out) -> Any:
-        """Check arguments that the fast path refuses, tables and arrays of other libraries among them; compute and
-        return the results.
+        """Check arguments that the fast path refuses, such as tables and arrays of other libraries; compute and
+        return the results, and write into the arrays of `out`. Raise an ArgumentError if an argument cannot be used.
         """
         if len(arguments) != len(self.given):
             raise ArgumentError(
@@ -133,7 +134,7 @@ class PreparedMechanism:
         for name, value in named.items():
             if value is None:
                 raise ArgumentError(name, "a value, since the call was prepared for it", None)
-            if name in _COORDINATE_ARGUMENT_NAMES:
+            if name in _JOINT_ARGUMENT_NAMES:
                 parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
                 continue
             if library is not None:
@@ -151,17 +152,18 @@ def _call_factory(function: Callable[[], Any]) -> Any:
 
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Check the argument `given` of `prepare`, and return the names of the call's arguments. Coordinates among
-    `needed_inputs` must be among them.
+    """Check the argument `given` of `prepare` (the name of a computation, or names of arguments), and return a tuple
+    of the names of the call's arguments. Raise an ArgumentError for an unknown name, or if q, qd, qdd or tau is among
+    `needed_inputs` but not among the names.
 
     Raises:
         ArgumentError: an unknown name, or one twice.
     """
     try:
-        names = ARGUMENT_NAMES_BY_METHOD[given] if isinstance(given, str) else tuple(given)
+        names = ARGUMENT_NAMES_BY_COMPUTATION[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
         raise ArgumentError(
-            "given", f"{choices(tuple(ARGUMENT_NAMES_BY_METHOD))}, or a tuple of names", quoted(given)
+            "given", f"{choices(tuple(ARGUMENT_NAMES_BY_COMPUTATION))}, or a tuple of names", quoted(given)
         ) from None
     for name in names:
         if name not in _ACCEPTED_ARGUMENT_NAMES:
@@ -169,6 +171,6 @@ def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ())
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in needed_inputs:
-        if name in _COORDINATE_ARGUMENT_NAMES and name not in names:
+        if name in _JOINT_ARGUMENT_NAMES and name not in names:
             raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
     return names

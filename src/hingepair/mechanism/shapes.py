@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.urdf.records import SHAPE_SIZE_DEFAULTS, LinkRecord, Visual
+from hingepair.urdf.records import SIZE_DEFAULTS_BY_SHAPE_KIND, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
 
@@ -39,8 +39,8 @@ def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, Fram
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the boxes, cylinders and spheres of a link in its own axes; None where it is drawn by others, such as
-    meshes.
+    """Return the boxes, cylinders and spheres of a link as a tuple, in the axes of the link; empty if nothing is
+    drawn. Return None if the link is drawn by meshes, or if its elements cannot be read.
 
     Args:
         link: record of the link.
@@ -50,7 +50,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     for tag in tags:
         try:
             visuals = link.visuals(tag)
-            if visuals and all(visual.kind in SHAPE_SIZE_DEFAULTS for visual in visuals):
+            if visuals and all(visual.kind in SIZE_DEFAULTS_BY_SHAPE_KIND for visual in visuals):
                 return tuple(_shape_of_visual(visual) for visual in visuals if min(visual.sizes) > 0)
         except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
             return None
@@ -59,7 +59,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
 
 
 def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
-    """Return shapes transformed by the pose of the frame in which they are given."""
+    """Return a list of shapes, transformed by the pose of the frame in which they are given."""
     placed: list[Shape] = []
     for shape in shapes:
         center = pose.origin + pose.rotation @ shape.center

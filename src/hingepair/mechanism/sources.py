@@ -32,8 +32,9 @@ BASE_LINK_NAME = "base"
 
 
 def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
-    """Convert a robot that was read from URDF to parts: the base, then the joints depth-first by name. Warn of a
-    joint that follows one that does not exist.
+    """Convert a robot that was read from URDF to a list of parts: the base, then the joints depth-first by name. Warn
+    of a mimic joint whose leader does not exist. Raise a URDFError for links and joints that do not form a tree of
+    hinges and sliders.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
@@ -70,7 +71,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return the keyword arguments of `JointPart` that describe a link."""
+    """Return a dict of the keyword arguments of `JointPart` that describe a link: links, leaves, inertias, shapes."""
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
     return {
@@ -82,7 +83,8 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
-    """Convert hinges and sliders that share bodies to parts: the base, then the pairs in order.
+    """Convert hinges and sliders that share bodies to a list of parts: the base, then the pairs in order. Raise an
+    ArgumentError if they do not form a tree in the order of q.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -132,7 +134,9 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
 
 
 def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
-    """Check the argument `pairs`, and return it as a list."""
+    """Check the argument `pairs`, and return it as a list. Raise an ArgumentError if one is no hinge or slider, or if
+    a name is used twice.
+    """
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
     checked = list(pairs)
@@ -156,7 +160,9 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
-    """Check the argument `parents`, and return for each pair the number of its body 1 in a list (0: the base)."""
+    """Check the argument `parents`, and return a list of the number of body 1 of each pair (0: the base). For None,
+    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError for other numbers or counts.
+    """
     count = len(pairs)
     if parents is None:
         return list(range(count))
@@ -170,8 +176,8 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
-    """Return the indices of the pairs in depth-first order, siblings by name; raise an error if the parents make no
-    tree.
+    """Return a list of the indices of the pairs in depth-first order, siblings by name. Raise an ArgumentError if the
+    parents do not form a tree.
 
     Raises:
         ArgumentError: the parents make no tree.
@@ -195,8 +201,8 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
-    """Return the body that several pairs share, as their ("body1" or "body2", pair) say; None if no pair gives it.
-    Raise an error if two give different ones.
+    """Return the body that several pairs share; None if no pair gives it. The argument lists each pair with the side
+    ("body1" or "body2") on which it has this body. Raise an ArgumentError if two pairs give different bodies.
 
     Raises:
         ArgumentError: two of them give it, and differ.
@@ -224,8 +230,8 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return the keyword arguments of `JointPart` that describe a body; `frame_pose` is the pose of its frame in the
-    part's.
+    """Return a dict of the keyword arguments of `JointPart` that describe a body: links, leaves, mass properties,
+    shapes and notes on assumed masses. `frame_pose` is the pose of the body's frame in the axes of the part.
     """
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:

@@ -120,7 +120,7 @@ def _rebuild_state(
 
 
 class JointResults(Results):
-    """Base class of results with one column for each coordinate of a robot.
+    """Base class of results with one column for each coordinate of a robot, such as joint torques or accelerations.
 
     Attributes:
         names: names of the joints with a coordinate, in the order of the columns.

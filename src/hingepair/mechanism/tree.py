@@ -68,7 +68,8 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """Record of a joint that moves, and of the body that it moves.
+    """Record of a joint that moves: its geometry, its limits and its mimic rule, and the mass properties of the body
+    that it moves.
 
     Attributes:
         name: name of the joint.
@@ -116,8 +117,8 @@ class Frame(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
-    """Record of a robot as a tree: its moving joints, their bodies, and frames. Fixed and locked joints are merged
-    into their parents.
+    """Record of a robot as a tree: its moving joints and their bodies, frames, last links, notes on masses, and
+    drawings. Fixed and locked joints are merged into their parents.
 
     Attributes:
         name: name of the robot.

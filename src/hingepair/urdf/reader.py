@@ -12,7 +12,8 @@ from hingepair.urdf.records import JointRecord, LinkRecord, RobotRecord
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
-    """Return the links and joints of a URDF; angles within `snap` [rad] of a quarter turn are read as quarter turns.
+    """Read the links and joints of a URDF, and return them as a RobotRecord. Angles within `snap` [rad] of a multiple
+    of pi/2 are replaced by that multiple when they are read. Raise a URDFError if the URDF cannot be read.
 
     Args:
         path_or_text: text of a URDF (it starts with "<"), or the path of a file. Only links and joints are read,
@@ -55,14 +56,18 @@ def _joint(element: ET.Element, snap: float) -> JointRecord:
 
 
 class _DoctypeRefusingBuilder(ET.TreeBuilder):
-    """Builder of XML trees that raises URDFError at a DOCTYPE, before anything that this declares is expanded."""
+    """Builder of XML trees that raises a URDFError at a DOCTYPE, before it expands any entity that the DOCTYPE
+    declares.
+    """
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         raise URDFError("URDF", "XML without a DOCTYPE", f"<!DOCTYPE {name} {pubid or ''} {system or ''}>")
 
 
 def _read_text(path_or_text: str | os.PathLike[str]) -> str | bytes:
-    """Return the text of a URDF: the argument if it is one, else the bytes of the file at this path."""
+    """Return the text of a URDF: the argument if it is text that starts with "<", else the bytes of the file at this
+    path. Raise a URDFError if the file cannot be read.
+    """
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         return path_or_text.lstrip("\ufeff \t\r\n")
     try:

@@ -31,15 +31,15 @@ SLIDER_JOINT_TYPES = ("prismatic",)
 # A number as URDF writes it.
 _URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-SHAPE_SIZE_DEFAULTS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+SIZE_DEFAULTS_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
 
 # The attributes of URDF's inertia.
 _INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_HALF_PI_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
-_MAX_SNAPPED_QUARTER_TURNS = 2**20  # of larger angles every one is near a multiple
+_EXACT_HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
+_MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
@@ -73,7 +73,7 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """Link of a URDF; its mass properties and shapes are read from its XML element when they are asked for.
+    """Link of a URDF. Its mass properties and shapes are read from its XML element when a method is called.
 
     Attributes:
         element: the XML element.
@@ -86,7 +86,8 @@ class LinkRecord:
     snap: float
 
     def inertia(self) -> Inertia:
-        """Return the link's mass properties in its own axes; zero where none are given.
+        """Return the mass properties of the link in its own axes; numbers that are not given are 0. Raise a URDFError
+        for an entry that is not a finite number.
 
         Raises:
             URDFError: an entry is no finite number.
@@ -99,7 +100,8 @@ class LinkRecord:
         return at_centre.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return the link's shapes: those by which it is drawn, or with tag "collision" those by which it collides.
+        """Return a list of the shapes of the link: those that draw it (tag "visual"), or those that it collides with
+        (tag "collision"). Raise a URDFError for an entry that is not a finite number.
 
         Raises:
             URDFError: an origin or a size is no finite number.
@@ -112,7 +114,7 @@ class LinkRecord:
             pose = _pose(element.find("origin"), where, self.snap)
             groups = [
                 _numbers(shape, key, f"{where}, {kind}", zero)
-                for key, zero in SHAPE_SIZE_DEFAULTS.get(kind, {}).items()
+                for key, zero in SIZE_DEFAULTS_BY_SHAPE_KIND.get(kind, {}).items()
             ]
             shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
         return shapes
@@ -120,7 +122,7 @@ class LinkRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """Joint of a URDF; its numbers are read from its XML element when they are asked for.
+    """Joint of a URDF. Its numbers are read from its XML element, and checked, when a property is accessed.
 
     Attributes:
         element: the XML element.
@@ -147,7 +149,9 @@ class JointRecord:
 
     @property
     def axis(self) -> tuple[float, ...]:
-        """Axis of the joint in the child link's axes, as written, not normalised; (1, 0, 0) unless given."""
+        """Axis of the joint in the axes of the child link, three numbers as written, not normalised; (1, 0, 0) unless
+        given. Raises a URDFError for a zero axis.
+        """
         axis = _numbers(self.element.find("axis"), "xyz", f"{self._where}, axis", (1.0, 0.0, 0.0))
         if not any(axis):
             raise URDFError(f"{self._where}, axis xyz", "a non-zero axis", axis)
@@ -155,7 +159,9 @@ class JointRecord:
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Least and greatest position [rad or m]; None where they are equal, as in URDF where no range is given."""
+        """Lower and upper limit of the position [rad or m]; None if they are equal or missing, and for continuous
+        joints. Raises a URDFError if the lower limit is above the upper one.
+        """
         if self.type == "continuous":
             return None
         lower, upper = (self._number("limit", key, 0.0) for key in ("lower", "upper"))
@@ -185,7 +191,7 @@ class JointRecord:
 
     @property
     def mimic(self) -> MimicRecord | None:
-        """The `MimicRecord` by which this joint follows another; None where it does not."""
+        """`MimicRecord` of the rule by which this joint follows another joint; None if it follows none."""
         if self.element.find("mimic") is None:
             return None
         multiplier, offset = (self._number("mimic", key, one) for key, one in (("multiplier", 1.0), ("offset", 0.0)))
@@ -196,7 +202,7 @@ class JointRecord:
         return f"joint {self.name!r}"
 
     def _limit_number(self, key: str) -> float | None:
-        """Return a number of the element <limit>, None where it is missing; raise URDFError for a negative number."""
+        """Return a number of the element <limit>; None if it is missing. Raise a URDFError for a negative number."""
         number: float | None = self._number("limit", key, None)
         if number is not None and number < 0:
             raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)
@@ -208,7 +214,7 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
-    """Links and joints of a URDF.
+    """Record of a URDF: the name of the robot, its links by name, and its joints, in the order of the file.
 
     Attributes:
         name: name of the robot.
@@ -227,7 +233,8 @@ class RobotRecord:
         return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return the revolute or continuous joint of a name.
+        """Return the revolute or continuous joint of a name. Raise a URDFError if there is none, or if the name is
+        not unique.
 
         Raises:
             URDFError: no such joint, two, or one that is no hinge; lists those that would do.
@@ -245,7 +252,7 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Check that a link that a joint names is a link of the robot.
+        """Check that a link named by a joint is a link of the robot; raise a URDFError if not.
 
         Raises:
             URDFError: names the joint.
@@ -255,7 +262,8 @@ class RobotRecord:
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Check that a link that a joint names is declared once, and carried by at most one joint.
+        """Check that a link named by a joint is declared once, and is the child of at most one joint; raise a
+        URDFError if not.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -267,7 +275,8 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return the name of the root link, and all joints depth-first, the joints of one link in the order of names.
+        """Return the name of the root link, and a tuple of all joints in depth-first order; the joints of one link
+        are sorted by name. Raise a URDFError if the links and joints do not form a tree.
 
         Raises:
             URDFError: the links and joints are no tree: names the joint or the links that are wrong.
@@ -310,7 +319,8 @@ class RobotRecord:
 
 
 def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
-    """Return the pose of an element <origin>, the identity without one; angles within `snap` are quarter turns.
+    """Return the pose of an element <origin>; for None, the identity. Angles within `snap` [rad] of a multiple of
+    pi/2 are replaced by that multiple. `where` names the element in messages of a URDFError.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
@@ -322,21 +332,22 @@ def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
-    """Return sine and cosine of an angle [rad], exact if it is within `snap` of a multiple of pi/2, or nearest to it.
-
-    An angle within `snap` of a multiple of pi/2 is taken for that multiple.
+    """Return the sine and the cosine of an angle [rad]. They are exactly 0, 1 or -1 if the angle is within `snap`
+    [rad] of a multiple of pi/2, or is the double nearest to such a multiple.
     """
     turns = round(angle / (math.pi / 2))
-    near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
+    near = angle == float(turns * _EXACT_HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
     return (
         _QUARTER_TURN_SINES_AND_COSINES[turns % 4]
-        if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURNS
+        if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURN_COUNT
         else (math.sin(angle), math.cos(angle))
     )
 
 
 def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the one or three finite numbers of an XML attribute; if it is missing, those of `default`."""
+    """Return a tuple of the numbers of an XML attribute, as many as `default` has; if the attribute is missing,
+    return `default`. Raise a URDFError, which begins with `where`, if they are not finite numbers.
+    """
     text = None if element is None else element.get(key)
     if text is None:
         return default

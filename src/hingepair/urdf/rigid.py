@@ -30,7 +30,8 @@ IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
 
 
 class Inertia(NamedTuple):
-    """Mass properties in the axes of a frame: mass, centre of mass, and inertia tensor about this centre.
+    """Mass properties in the axes of a frame: mass [kg], centre of mass [m], and inertia tensor about the centre of
+    mass [kg m^2].
 
     Attributes:
         mass: mass [kg], of either sign, as it was written.
@@ -49,9 +50,8 @@ class Inertia(NamedTuple):
 
 
 def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
-    """Return the mass properties of several parts as one rigid body; all are given in one frame.
-
-    Where the masses add up to zero, the centre of mass is taken at the frame's origin.
+    """Return the mass properties of several rigidly joined parts as one Inertia, in the frame in which all parts are
+    given. If the masses add up to zero, the centre of mass is the origin of the frame.
     """
     total = sum(part.mass for part in inertias)
     middle = np.zeros(3)

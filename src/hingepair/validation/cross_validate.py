@@ -180,8 +180,8 @@ def cross_validate_from_body1(
 
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return arguments at every sample as float64 arrays (N, ...), by name; a sample where one of them is not finite
-    is NaN in all.
+    """Return a dict of the arguments at every sample, as float64 arrays (N, ...) by name. A sample at which one
+    argument is not finite becomes NaN in all of them.
     """
     arrays: dict[str, Float64Array] = {}
     for name, value in arguments.items():
@@ -204,8 +204,9 @@ def _compare_with_pinocchio(
     rate_sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """Compute body 2 by Pinocchio, and return the report on its comparison with a state. The motion is that of
-    `_arguments_by_sample`.
+    """Compute body 2 by Pinocchio, and return the report on its comparison with a state. `body1` and `hinge` (psi
+    and, as far as given, its derivatives) have shape (N, ...); `rate_sizes` are sizes of omega1 and alpha1 for the
+    scales.
     """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
@@ -226,8 +227,8 @@ def _compare_with_pinocchio(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio, by output name; d is that of a twin at R1 = 0. The given motion has
-    shape (N,).
+    """Compute the motion of body 2 by Pinocchio, and return a dict by output name; d is computed with R1 = 0. `body1`
+    has shape (N,), and `hinge` lists psi and, as far as given, its derivatives, shape (N,) each.
     """
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
@@ -240,8 +241,8 @@ def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Floa
 
 
 def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return the outputs in the plane z = 0, by name; in place of S2 it is phi2, the angle about z nearest to the
-    given one.
+    """Return a dict of the components of spatial outputs in the plane z = 0, by name. S2 is replaced by the angle
+    phi2 about z, plus the whole turns that bring it nearest to the given phi2.
     """
     planar = {}
     for name, values in outputs.items():
@@ -254,8 +255,8 @@ def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[s
 
 
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Compute body 1's motion by Pinocchio, as that of three joints that turn by its Euler angles (extrinsic: last
-    first).
+    """Compute the motion of body 1 by Pinocchio, as that of a chain of three joints that rotate by the Euler angles
+    (for an extrinsic sequence in reverse order). `coordinates` lists q and, as far as given, its derivatives.
     """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1

@@ -13,7 +13,8 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 
 def import_pinocchio(caller_name: str) -> Any:
-    """Import the module pinocchio, and return it; raise an error that names the caller where it is not installed.
+    """Import the module pinocchio, and return it. Raise a MissingDependencyError, which names the caller, if it is
+    not installed.
 
     Raises:
         MissingDependencyError: it is not installed, or another package has its name.
@@ -29,7 +30,8 @@ def import_pinocchio(caller_name: str) -> Any:
 
 
 def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's pose as Pinocchio's free-flyer takes it, by name: R (..., 3) [m] and S as quat_xyzw (..., 4).
+    """Return the pose of body 1 in the form of Pinocchio's free-flyer, in a dict: "R" (..., 3) [m], and "S" as
+    quat_xyzw (..., 4). Raise an ArgumentError if R or S is missing.
 
     Raises:
         ArgumentError: body1 lacks R or S.
@@ -39,8 +41,8 @@ def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's v [m/s] and omega [rad/s], by name, as Pinocchio's free-flyer takes them: in body axes, (...,
-    3).
+    """Return v [m/s] and omega [rad/s] of body 1 in the form of Pinocchio's free-flyer, in a dict: in body axes,
+    (..., 3) each. Raise an ArgumentError if S, v or omega is missing.
 
     Raises:
         ArgumentError: body1 lacks S, v or omega.
@@ -50,7 +52,8 @@ def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return body 1's a and alpha, by name, as Pinocchio's free-flyer takes them: spatial, in body axes.
+    """Return the spatial acceleration of body 1 in the form of Pinocchio's free-flyer, in a dict: "a" and "alpha" in
+    body axes. Raise an ArgumentError if S, v, omega, a or alpha is missing.
 
     Returns:
         a [m/s^2] and alpha [rad/s^2]; shape (..., 3) each.
@@ -65,7 +68,7 @@ def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def _required_array(body1: BodyMotion, name: str) -> Float64Array:
-    """Return an attribute of a motion as float64; raise an error if it is not given.
+    """Return an attribute of a motion as a float64 array; raise an ArgumentError if it is None.
 
     Raises:
         ArgumentError: it is not given.
@@ -89,8 +92,9 @@ def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
 
 
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of a frame by Pinocchio, sample by sample: R, S, with v also v and omega, with a also a and
-    alpha, by name. World axes; accelerations are classical.
+    """Compute the motion of a frame by Pinocchio, sample by sample, and return a dict by name: R and S; with v also v
+    and omega; with a also a and alpha. Vectors are in world axes; accelerations are classical. Pinocchio's `data` is
+    overwritten.
 
     Args:
         model: of Pinocchio.

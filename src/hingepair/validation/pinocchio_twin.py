@@ -40,12 +40,13 @@ MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PinocchioTwin:
-    """The pair as a Pinocchio model, and the conversion of coordinates to Pinocchio's and back.
+    """A pair as a Pinocchio model, with methods that convert coordinates to Pinocchio's and back, and that compute
+    body 2.
 
     Attributes:
-        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2"; inertias and
-            limits where the pair has them.
-        data: its scratch memory.
+        model: Pinocchio model with the free-flyer "root_joint", then the revolute joint "hinge"; the frames "body1"
+            and "body2"; and inertias and limits if the pair has them.
+        data: Pinocchio's `Data` of the model, in which its algorithms store results.
         body2_frame: index of the frame "body2", whose placement is (S2, R2).
     """
 
@@ -54,7 +55,8 @@ class PinocchioTwin:
     body2_frame: int
 
     def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
-        """Return Pinocchio's q for a pose of body 1 and the hinge angle; shape (..., 8).
+        """Return Pinocchio's q, shape (..., 8), for a pose of body 1 and the hinge angle. Raise an ArgumentError if R
+        or S is missing.
 
         Args:
             body1: its R [m] and S; leading shape (...,).
@@ -66,7 +68,8 @@ class PinocchioTwin:
         return _join_with_last(pinocchio_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
-        """Return Pinocchio's v for a motion of body 1 and of the hinge; shape (..., 7).
+        """Return Pinocchio's v, shape (..., 7), for a motion of body 1 and of the hinge. Raise an ArgumentError if S,
+        v or omega is missing.
 
         Args:
             body1: its S, v [m/s] and omega [rad/s], world axes; leading shape (...,).
@@ -79,7 +82,8 @@ class PinocchioTwin:
         return _join_with_last(pinocchio_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
-        """Return Pinocchio's a, the spatial acceleration, for a motion of body 1 and of the hinge; shape (..., 7).
+        """Return Pinocchio's a, the spatial acceleration, shape (..., 7), for a motion of body 1 and of the hinge.
+        Raise an ArgumentError if S, v, omega, a or alpha is missing.
 
         Args:
             body1: its S, v [m/s], omega [rad/s], a [m/s^2] and alpha [rad/s^2], world axes; leading shape (...,).
@@ -93,7 +97,8 @@ class PinocchioTwin:
         return _join_with_last(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
-        """Compute the motion of body 2 by Pinocchio from its q, v and a, one sample after another.
+        """Compute the motion of body 2 by Pinocchio from Pinocchio's q, v and a, one sample after another; return it
+        as a BodyMotion. Raise an ArgumentError for a wrong shape or a zero quaternion.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -101,10 +106,11 @@ class PinocchioTwin:
             a: spatial acceleration; shape (..., 7); needs v.
 
         Returns:
-            R2, S2 and, as far as given, v2, omega2 and a2, alpha2; world axes, classical accelerations.
+            R2 and S2; v2 and omega2 if v is given; a2 and alpha2 if a is given. Vectors are in world axes, and
+            accelerations are classical.
 
         Raises:
-            ArgumentError: an argument of another shape, a quaternion of zero, or a without v.
+            ArgumentError: an argument has another shape, a quaternion is zero, or a is given without v.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -126,7 +132,8 @@ class PinocchioTwin:
         return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in motion.items()})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
-        """Convert Pinocchio's q, v and a to the motion of body 1, psi, psi' and psi''.
+        """Convert Pinocchio's q, v and a to the tuple (motion of body 1, psi, psi', psi''). psi' is None without v,
+        and psi'' without a. Raise an ArgumentError for a wrong shape or a zero quaternion.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -134,10 +141,11 @@ class PinocchioTwin:
             a: spatial acceleration; shape (..., 7); needs v.
 
         Returns:
-            (body1, psi, psid, psidd), world axes, accelerations classical; None for what was not given.
+            (body1, psi, psid, psidd). Vectors are in world axes, and accelerations are classical. Rates are None
+            without v, accelerations without a.
 
         Raises:
-            ArgumentError: an argument of another shape, a quaternion of zero, or a without v.
+            ArgumentError: an argument has another shape, a quaternion is zero, or a is given without v.
         """
         if a is not None and v is None:
             raise ArgumentError("v", "the velocity that belongs to a", None)
@@ -230,7 +238,9 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
 
 
 def _join_with_last(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
-    """Join parts and the last of the hinge's numbers along the last axis, broadcast over the leading axes of all."""
+    """Join the arrays of `parts` and the last of the hinge's arguments along the last axis; return an array with the
+    leading axes of all, broadcast. Raise an ArgumentError if they do not broadcast.
+    """
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})
     joined = [*parts.values(), list(numbers.values())[-1]]

@@ -21,7 +21,7 @@ from hingepair.pair.accuracy import (
 
 # The heading of the table of rates.
 _RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-MAX_FORCE_ERROR_RATIO: Final = 64
+FORCE_ERROR_BOUND_ROUNDOFFS: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
@@ -38,15 +38,16 @@ _OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of one output of the equations with Pinocchio's: the largest error over all samples, and its bound.
+    """Comparison of one output of the equations with Pinocchio's: the largest error over all samples, the sample
+    where it occurs, the number of samples, and the bound of the error.
 
     Attributes:
-        output: its name.
-        max_error: largest difference of a component, in the output's unit; inf where one route alone is finite.
-        max_ratio: largest difference in units of u * scale, each sample by its own scale.
-        worst_sample: index of the sample with the largest ratio; None where nothing was compared.
-        samples: how many samples were compared.
-        bound: the ratio that passes.
+        output: name of the output.
+        max_error: largest difference of a component, in the unit of the output; inf if only one result is finite.
+        max_ratio: largest difference in units of u * scale, where each sample has its own scale.
+        worst_sample: index of the sample with the largest ratio; None if nothing was compared.
+        samples: number of compared samples.
+        bound: the largest ratio that passes.
     """
 
     output: str
@@ -58,7 +59,7 @@ class Comparison:
 
     @property
     def ok(self) -> bool:
-        """Something was compared, and every sample is within the bound."""
+        """Whether a sample was compared, and every compared sample is within the bound."""
         return self.samples > 0 and self.max_ratio <= self.bound
 
     @property
@@ -79,8 +80,8 @@ class Comparison:
         shape: tuple[int, ...],
         bound: float = PINOCCHIO_BOUND_ROUNDOFFS,
     ) -> Comparison:
-        """Return the comparison of one output from errors, (N,), and errors in u * scale, (N,), of samples of a
-        shape; NaN is not compared.
+        """Return the comparison of one output from its errors, shape (N,), and the same errors in units of u * scale
+        (`ratio`), shape (N,). `shape` is the leading shape of the samples; NaN is not compared.
         """
         compared = ~np.isnan(ratio)
         if not compared.any():
@@ -92,10 +93,11 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class RateComparison:
-    """Comparison of a rate, such as v1, with the slope of its quantity, such as R1, by finite differences.
+    """Comparison of a rate, such as v1, with the slope of its quantity, such as R1, by finite differences: the
+    largest difference, the allowed difference, the worst sample and the number of samples.
 
     Attributes:
-        rate: its name.
+        rate: name of the rate.
         of: name of the quantity whose rate it is.
         max_error: largest difference of a component, in the rate's unit.
         allowed: largest difference that passes.
@@ -112,13 +114,13 @@ class RateComparison:
 
     @property
     def ok(self) -> bool:
-        """No difference is larger than allowed; what was not compared passes."""
+        """Whether no difference is larger than allowed; a rate that was not compared passes."""
         return self.max_error <= self.allowed
 
     @classmethod
     def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the comparison of one rate from its differences, (N,), to the slope of a quantity; NaN is not
-        compared.
+        """Return the comparison of one rate from its differences, shape (N,), from the slope of a quantity; `allowed`
+        is the largest difference that passes. NaN is not compared.
         """
         compared = ~np.isnan(error)
         if not compared.any():
@@ -129,19 +131,20 @@ class RateComparison:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
-    """Report on the comparison of the outputs of a pair with Pinocchio's: one row per output, a verdict, a table,
-    JSON.
+    """Report on the comparison of the outputs of a pair with Pinocchio's: a row for each output, a verdict, and
+    conversions to a table and to JSON. For a simulated motion, forces and rates are compared too.
 
     Attributes:
-        name: the pair's name.
-        sequence: of the Euler angles; None where the attitude of body 1 was given.
+        name: name of the pair.
+        sequence: Euler sequence; None if the attitude of body 1 was given as a matrix, and for planar pairs.
         shape: leading shape of the samples.
-        skipped: samples left out because their input is not finite.
-        u: unit roundoff of the type computed in.
+        skipped: number of samples that were left out because their input is not finite.
+        u: unit roundoff of the dtype of the computation.
         rows: one comparison for each output.
-        forces: of a simulated motion, the loads against the forces that it takes by Pinocchio's `rnea`.
-        rates: of a simulated motion, each rate against the slope of what it is the rate of.
-        notes: sentences that a reader should know.
+        forces: for a simulated motion, comparisons of the loads with the forces that the motion requires according to
+            Pinocchio's `rnea`.
+        rates: for a simulated motion, comparisons of each rate with the slope of its quantity.
+        notes: remarks on the comparison, as sentences.
     """
 
     name: str
@@ -166,13 +169,13 @@ class CrossValidation(Shown):
 
     @property
     def ok(self) -> bool:
-        """Every output of every finite sample is within its bound, and there was something to compare."""
+        """Whether every output of every finite sample is within its bound, and at least one output was compared."""
         compared = [row.ok for row in self.rows + self.forces] + [row.ok for row in self.rates]
         return bool(self.rows) and all(compared)
 
     @property
     def verdict(self) -> str:
-        """One line that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
+        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -182,7 +185,7 @@ class CrossValidation(Shown):
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
-        more = f", and {forces} within {MAX_FORCE_ERROR_RATIO} u*scale of its rnea" if forces else ""
+        more = f", and {forces} within {FORCE_ERROR_BOUND_ROUNDOFFS} u*scale of its rnea" if forces else ""
         return f"PASSED: {outputs} within {PINOCCHIO_BOUND_ROUNDOFFS} u*scale of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
@@ -218,7 +221,7 @@ class CrossValidation(Shown):
         return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:
-        """Return the report as JSON; a number that is not finite is null."""
+        """Return the report as JSON text; a number that is not finite becomes null."""
         facts = {name: getattr(self, name) for name in ("name", "ok", "verdict", "samples", "compared", "skipped")}
         facts |= {"sequence": self.sequence, "u": self.u, "notes": list(self.notes)}
         for name, rows in (("rows", self.rows), ("forces", self.forces)):
@@ -228,7 +231,7 @@ class CrossValidation(Shown):
 
 
 def _rate_cells(row: RateComparison) -> tuple[str, ...]:
-    """Return the cells of a row of a report's table that compares a rate with a slope."""
+    """Return a tuple of the cells, as texts, of a row of a report's table that compares a rate with a slope."""
     if row.worst_sample is None:
         return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
     error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
@@ -236,7 +239,7 @@ def _rate_cells(row: RateComparison) -> tuple[str, ...]:
 
 
 def _comparison_cells(row: Comparison) -> tuple[str, ...]:
-    """Return the cells of a row of a report's table that compares one output with Pinocchio's."""
+    """Return a tuple of the cells, as texts, of a row of a report's table that compares one output."""
     if row.worst_sample is None:
         return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.mechanism.arguments import ATTRIBUTE_BY_BASE_INPUT, Coordinates, read_arguments
+from hingepair.mechanism.arguments import MOTION_ATTRIBUTE_BY_BASE_INPUT, Coordinates, read_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
@@ -22,7 +22,9 @@ from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robo
 
 _BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_MIN_REGULAR_EIGENVALUE = 1e-12  # of a mass matrix scaled to ones on its diagonal; smaller ones are rounding
+_MIN_SCALED_MASS_MATRIX_EIGENVALUE = (
+    1e-12  # of a mass matrix scaled to ones on its diagonal; smaller ones are rounding
+)
 
 
 def cross_validate_robot(
@@ -32,7 +34,8 @@ def cross_validate_robot(
     base_motion: BodyMotion | None,
     gravity: ArrayLike,
 ) -> RobotValidation:
-    """Compute a robot's outputs by the equations and by Pinocchio; return a report on the comparison.
+    """Compute the outputs of a robot by the equations and by Pinocchio, and return a report on their comparison.
+    Raise an ArgumentError for an unknown frame or coordinates that cannot be used.
 
     Args:
         robot: the robot.
@@ -72,26 +75,26 @@ def cross_validate_robot(
 
 
 class _RobotSamples:
-    """Coordinates of a robot and motion of its base at N samples; a sample where one of them is not finite is NaN in
-    all.
+    """Coordinates of a robot and motion of its base at N samples, with the shape of the samples, a mask of the finite
+    ones and the unit roundoff. A sample at which one input is not finite is NaN in all.
 
     Attributes:
         shape: leading shape, of N elements.
         joints: q, and as far as given qd and qdd; shape (N, dof) each.
         base: motion of the base, with as many derivatives; shape (N,).
-        finite: which samples are; shape (N,).
-        skipped: how many samples are not.
-        u: unit roundoff of the type that the robot computes in.
+        finite: whether each sample is finite; shape (N,).
+        skipped: number of samples that are not finite.
+        u: unit roundoff of the dtype of the robot's computation.
     """
 
     def __init__(
         self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
     ) -> None:
-        needed = tuple(ATTRIBUTE_BY_BASE_INPUT)[: 2 * len(coordinates)]
+        needed = tuple(MOTION_ATTRIBUTE_BY_BASE_INPUT)[: 2 * len(coordinates)]
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shapes)
         parts = {
-            name: np.asarray(getattr(RESTING_BASE_MOTION, ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
+            name: np.asarray(getattr(RESTING_BASE_MOTION, MOTION_ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
         } | values.parts
         flat = {
             name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
@@ -102,15 +105,15 @@ class _RobotSamples:
             array[~self.finite] = np.nan
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
-        self.base = BodyMotion(**{ATTRIBUTE_BY_BASE_INPUT[name]: flat[name] for name in needed})
+        self.base = BodyMotion(**{MOTION_ATTRIBUTE_BY_BASE_INPUT[name]: flat[name] for name in needed})
         leaves = [part for name, part in values.parts.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)
 
 
 def _samples_of_argument(value: Any, shape: tuple[int, ...], sample_rank: int) -> Float64Array:
-    """Return an argument, an array or a tuple of components, at every sample; shape (N, ...), with `sample_rank` axes
-    after N.
+    """Return a copy of an argument, which is an array or a tuple of components, at every sample of a leading shape; a
+    float64 array (N, ...) with `sample_rank` axes after N.
     """
     array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
     sample_shape = array.shape[array.ndim - sample_rank :]
@@ -127,7 +130,9 @@ def _outputs_by_equations(
     gravity: Float64Array,
     shape: tuple[int, ...],
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by the equations, and return them by name; shape (N, ...)."""
+    """Compute the outputs to compare by the equations, and return a dict by name; shape (N, ...) each. Jacobians are
+    computed for `tips` only.
+    """
     q, *rates = coordinates.values()
     base_argument: dict[str, Any] = {"base_motion": base_motion}
     outputs: dict[str, tuple[Any, int]] = {}  # and how many axes one sample has
@@ -155,8 +160,8 @@ def _outputs_by_equations(
 def _outputs_by_pinocchio(
     robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by Pinocchio, and return them by name; shape (N, ...), NaN at samples that are
-    not finite.
+    """Compute the outputs to compare by Pinocchio, and return a dict by name; shape (N, ...) each, NaN at samples
+    that are not finite. Jacobians are computed for `tips` only.
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
@@ -186,15 +191,17 @@ def _outputs_by_pinocchio(
 
 
 def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
-    """Return Pinocchio's q, and with rates v, and with their derivatives a, in a list; shape (N, ...) each."""
+    """Return a list of Pinocchio's q, of v if the samples have rates, and of a if they have accelerations; shape
+    (N, ...) each.
+    """
     joints, base = samples.joints, samples.base
     made: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
     return [make(*joints[: k + 1], base) for k, make in enumerate(made[: len(joints)])]
 
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
-    """Return matrices from the velocities that the robot's mass matrix is in to Pinocchio's v; shape (N, nv,
-    columns).
+    """Return the matrices that convert the velocities of the robot's mass matrix, which are the columns, to
+    Pinocchio's v; shape (N, nv, columns).
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
@@ -214,8 +221,8 @@ def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
 def _frame_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]
 ) -> dict[str, Float64Array]:
-    """Compute the motion of frames by Pinocchio at one state, by output name; d is their position if the base is at
-    the origin.
+    """Compute the motion of frames by Pinocchio at one state (q and, as far as given, v and a), and return a dict of
+    arrays (frames, ...) by output name. d is the position of a frame if the base is at the origin.
     """
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
@@ -241,7 +248,9 @@ def _frame_outputs(
 def _mass_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], velocity_matrix: Float64Array
 ) -> dict[str, Any]:
-    """Compute Jacobians, mass matrix, energies and momenta by Pinocchio at one state, by output name."""
+    """Compute Jacobians and mass matrix, with v also energies and momenta, by Pinocchio at one state; return a dict
+    by output name. `velocity_matrix` converts the robot's velocities to Pinocchio's v.
+    """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
     pin.computeJointJacobians(model, data, state[0])
@@ -262,7 +271,7 @@ def _mass_outputs(
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
-    """Compute the kinetic energy of links and rotors by Pinocchio at one state."""
+    """Compute the kinetic energy [J] of links and rotors at one state; Pinocchio computes that of the links."""
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
     links: float = pin.computeKineticEnergy(twin.model, twin.data, q, v)
@@ -277,11 +286,11 @@ def _forward_dynamics_residual(
     our_outputs: Mapping[str, Float64Array],
     pinocchio_outputs: Mapping[str, Float64Array],
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return the forces that our accelerations require by Pinocchio's rnea, the forces that act, and texts on joints
-    that nothing resists.
+    """Return three results: the forces that our accelerations require by Pinocchio's rnea, (N, k); the forces that
+    act, (N, k); and a list of texts on joints that nothing resists, one for each sample with a singular mass matrix.
 
-    Where we give no accelerations since Pinocchio's mass matrix is singular, the forces that act are NaN: nothing is
-    compared. The third result has, for each of these samples, a text on the joint that nothing resists.
+    At a sample with a singular mass matrix we give no accelerations; the forces that act are NaN there, so that
+    nothing is compared.
     """
     pin = import_pinocchio("cross_validate")
     base = samples.base
@@ -306,14 +315,14 @@ def _forward_dynamics_residual(
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
-    """Return a text on the joint that moves most where a singular mass matrix resists nothing; empty if it is
-    regular.
+    """Return a text that names the joint with the largest part in a motion that a singular mass matrix does not
+    resist; "" if the matrix is regular.
     """
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
     if size.all():
         least, motions = np.linalg.eigh(matrix / size / size[:, None])
-        motion = motions[:, 0] if least[0] < _MIN_REGULAR_EIGENVALUE else motion
+        motion = motions[:, 0] if least[0] < _MIN_SCALED_MASS_MATRIX_EIGENVALUE else motion
     if not motion.any():
         return ""
     names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)
@@ -329,7 +338,7 @@ def _output_scales(
     gravity: Float64Array,
     our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
-    """Return the scales of the errors of all outputs by name, of shapes that broadcast against the outputs."""
+    """Return a dict of the error scales of all outputs by name; their shapes broadcast against the outputs."""
     states = _pinocchio_states(twin, samples)
     joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
     scales = RobotScales(robot.tree, joints, samples.base, gravity)
@@ -370,7 +379,9 @@ def _output_scales(
 
 
 def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
-    """Return the scales of generalized forces, from those of forces, torques and rotors; shape (N, columns)."""
+    """Return the scales of the errors of generalized forces, shape (N, columns), from the scales of forces, torques
+    and rotors. `columns` is the matrix from the robot's velocities to the velocities of base and joints.
+    """
     force, torque = scales.forces()
     slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
     along = np.where(slides, force[:, 1:], torque[:, 1:]) + scales.rotor_efforts()
@@ -381,8 +392,8 @@ def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64A
 def _errors_by_part(
     computed: Float64Array, expected: Float64Array, scale: Float64Array, u: float, part_count: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Return two arrays (N, parts): the error of the worst component of each part, and the same in units of u *
-    scale.
+    """Return two arrays (N, parts): the error of the worst component of each part (a frame or a joint), and the
+    largest error in units of u * scale. They are NaN where the expected value or the scale is not finite.
     """
     comparable = np.isfinite(expected) & np.isfinite(scale)
     smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)

@@ -20,18 +20,18 @@ _ROBOT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at s
 @dataclass(frozen=True, slots=True)
 class RobotComparison:
     """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it: the largest error,
-    and its bound.
+    the sample and the part where it occurs, the number of samples, and the bound of the error.
 
     Attributes:
-        output: its name.
-        max_error: largest difference of a component, in the output's unit; inf where one route alone is finite.
-        max_ratio: largest difference in units of u * scale, each sample by its own scale.
-        worst_sample: index of the sample with the largest ratio; None where nothing was compared.
-        worst_part: the link or joint that has the largest ratio; "" of what the robot has as a whole.
-        samples: how many samples were compared.
-        bound: the ratio that passes.
-        singular: how many samples were left out because the mass matrix is singular there.
-        unresisted: the joint that nothing resists at the first of these samples; "" where there are none.
+        output: name of the output.
+        max_error: largest difference of a component, in the unit of the output; inf if only one result is finite.
+        max_ratio: largest difference in units of u * scale, where each sample has its own scale.
+        worst_sample: index of the sample with the largest ratio; None if nothing was compared.
+        worst_part: name of the link or joint with the largest ratio; "" for an output of the whole robot.
+        samples: number of compared samples.
+        bound: the largest ratio that passes.
+        singular: number of samples that were left out because the mass matrix is singular there.
+        unresisted: text on the joint that nothing resists at the first of these samples; "" if there are none.
     """
 
     output: str
@@ -46,12 +46,14 @@ class RobotComparison:
 
     @property
     def ok(self) -> bool:
-        """Every sample that can be compared is within the bound; there are some, or all were found to be singular."""
+        """Whether every compared sample is within the bound, and each sample was compared or has a singular mass
+        matrix.
+        """
         return (self.samples > 0 or self.singular > 0) and self.max_ratio <= self.bound
 
     @property
     def note(self) -> str:
-        """Sentence on samples that were left out since the mass matrix is singular; empty where there are none."""
+        """Sentence on the samples that were left out because the mass matrix is singular; "" if there are none."""
         if not self.singular:
             return ""
         where = f"{self.singular} of {self.samples + self.singular} samples"
@@ -61,7 +63,8 @@ class RobotComparison:
     def worst_of(
         cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
     ) -> RobotComparison:
-        """Return the comparison of one output from its errors and its errors in units of u * scale, at all samples.
+        """Return the comparison of one output from its errors at all samples, shape (N, parts), and the same errors
+        in units of u * scale (`ratio`). NaN is not compared.
 
         Args:
             output: name of the output.
@@ -81,16 +84,16 @@ class RobotComparison:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotValidation(Shown):
-    """Report on the comparison of the outputs of a robot with Pinocchio's: one row per output, a verdict, a table,
-    JSON.
+    """Report on the comparison of the outputs of a robot with Pinocchio's: a row for each output, a verdict, and
+    conversions to a table and to JSON.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         base: "fixed" or "free".
-        frames: how many frames were compared.
+        frames: number of compared frames.
         shape: leading shape of the samples.
-        skipped: samples left out because their input is not finite.
-        u: unit roundoff of the type computed in.
+        skipped: number of samples that were left out because their input is not finite.
+        u: unit roundoff of the dtype of the computation.
         rows: one comparison for each output.
     """
 
@@ -114,12 +117,12 @@ class RobotValidation(Shown):
 
     @property
     def ok(self) -> bool:
-        """Every output of every finite sample is within its bound, and there was something to compare."""
+        """Whether every output of every finite sample is within its bound, and at least one sample was compared."""
         return any(row.samples for row in self.rows) and all(row.ok for row in self.rows)
 
     @property
     def verdict(self) -> str:
-        """One line that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
+        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -148,14 +151,16 @@ class RobotValidation(Shown):
         )
 
     def to_json(self) -> str:
-        """Return the report as JSON; a number that is not finite is null."""
+        """Return the report as JSON text; a number that is not finite becomes null."""
         names = ("name", "base", "frames", "ok", "verdict", "samples", "compared", "skipped", "u")
         rows = [{**asdict(row), "ok": row.ok, "note": row.note} for row in self.rows]
         return json_text({**{name: getattr(self, name) for name in names}, "rows": rows})
 
 
 def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:
-    """Return the cells of a row of a report's table that compares one output of a robot with Pinocchio's."""
+    """Return a tuple of the cells, as texts, of a row of a report's table that compares one output of a robot with
+    Pinocchio's.
+    """
     if row.worst_sample is None:
         verdict = "not compared" if row.singular else "nothing compared"
         return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", verdict

@@ -68,16 +68,16 @@ class RobotScales:
         self._distances = self._distance_bounds()
 
     def motion(self, frame: Frame) -> dict[str, Float64Array]:
-        """Return the scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
+        """Return a dict of the error scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
         size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, is_slider=False)
         total = _add_sizes(self._sums[frame.body], size, 1.0)
         return {"S": total["S"], **{name: total[letter] for name, letter in _SCALE_SYMBOL_BY_OUTPUT.items()}}
 
     def jacobian(self, frame: Frame) -> Float64Array:
-        """Return the scales of the Jacobian of a frame; six columns of the base come before those of the joints.
+        """Return the error scales of the Jacobian of a frame, shape (N, 6, 6 + joints); the first six columns are
+        those of the base.
 
-        Pinocchio has the joints' motions at the world's origin first, so that positions count. Shape
-        (N, 6, 6 + joints).
+        Pinocchio first computes the motions of the joints at the origin of the world; therefore positions count.
         """
         steps = self._sums[frame.body]["S"][:, None]
         place = self._sizes[frame.body]["R"] + float(norm(frame.R))
@@ -90,10 +90,8 @@ class RobotScales:
         return scales
 
     def forces(self) -> tuple[Float64Array, Float64Array]:
-        """Return two arrays: the scales of the force [N] and of the torque [N m] on each body at its reference point,
-        the base first.
-
-        Shape (N, 1 + joints) each.
+        """Return two arrays, shape (N, 1 + joints) each: the error scales of the force [N] and of the torque [N m] on
+        each body at its reference point, the base first.
         """
         count, bodies = len(self._lengths[0]), len(self._lengths)
         force, torque = np.zeros((2, count, bodies))
@@ -116,14 +114,12 @@ class RobotScales:
         return force, torque
 
     def rotor_efforts(self) -> Float64Array:
-        """Return what each joint's rotor adds to its effort; shape (N, joints)."""
+        """Return the size of the effort [N m or N] that accelerates each joint's rotor; shape (N, joints)."""
         return np.asarray(self._changes * [joint.armature for joint in self._tree.joints])
 
     def mass_matrix(self) -> Float64Array:
-        """Return the scales of the mass matrix, whose columns are the base's six velocities and the rates of all
-        joints.
-
-        Shape (N, 6 + joints, 6 + joints).
+        """Return the error scales of the mass matrix, shape (N, 6 + joints, 6 + joints). Its columns are the six
+        velocities of the base and the rates of all joints.
         """
         joints = len(self._tree.joints)
         scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
@@ -145,8 +141,8 @@ class RobotScales:
         return scales
 
     def energy_and_momentum(self) -> dict[str, Float64Array]:
-        """Return the scales of kinetic and potential energy and of both momenta about the origin, by name; shape (N,)
-        each.
+        """Return a dict of the error scales of kinetic and potential energy, and of the linear momentum and the
+        angular momentum about the origin, by name; shape (N,) each.
         """
         count = len(self._lengths[0])
         scales = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
@@ -168,19 +164,16 @@ class RobotScales:
         return self._tree.joints[body - 1].body if body else self._tree.base
 
     def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
-        """Return pairs (column, whether it is a translation) for the velocity of a body's joint; for the base there
-        are six.
+        """Return a list of pairs (index of the velocity's column, whether it is a translation) for the joint of a
+        body; the base has six.
         """
         if body == 0:
             return [(column, column < 3) for column in range(6)]
         return [(body + 5, self._tree.joints[body - 1].kind == "slider")]
 
     def _distance_bounds(self) -> Float64Array:
-        """Return upper bounds on the distance [m] from each body to each that it carries; keep in `_carries` which
-        these are.
-
-        The shape of the bounds is (N, bodies, bodies), 0 where a body does not carry the other; that of `_carries`,
-        whether it does, is (bodies, bodies).
+        """Return upper bounds on the distance [m] from each body to each body that it carries, shape (N, bodies,
+        bodies); 0 for other bodies. Set `_carries`, whether a body carries another, shape (bodies, bodies).
         """
         bodies = len(self._lengths)
         self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
@@ -195,7 +188,10 @@ class RobotScales:
 def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
 ) -> dict[str, Any]:
-    """Return the sizes of the motion behind a joint, from those before it and the size of the joint's own motion."""
+    """Return a dict of the sizes of the motion (R, W, A, v, a) of the body behind a joint, from those of the body
+    before it. `length` is the length of the joint's offset, `rate` and `acceleration` are the sizes of its own
+    motion.
+    """
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turn, shift = (0.0, rate) if is_slider else (rate, 0.0)
     both = W + turn

@@ -10,12 +10,14 @@ from hingepair.numeric.arrays import Float64Array
 RANDOM_STATE_COUNT = 200
 """Number of random states, beside the hard ones."""
 
-_HARD_ANGLES = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)  # [rad]; sliders are taken at 0
-_HARD_RATES = (0.0, 1e3, 1e-9)  # [rad/s]
+# Angles of hinges [rad]; sliders are taken at position 0.
+_HARD_HINGE_ANGLES = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)
+_HARD_JOINT_RATES = (0.0, 1e3, 1e-9)  # [rad/s] of hinges, [m/s] of sliders
 
 
 def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return q, q' and q'' of random states, and of states at which computations tend to fail.
+    """Return three arrays q, q' and q'', shape (N, dof), of random states and of states at which computations tend to
+    fail.
 
     Args:
         robot: the robot.
@@ -29,8 +31,8 @@ def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Arra
     hinges = np.array([joint.kind == "hinge" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
     qd, qdd = [rng.uniform(-2, 2, size)], [rng.uniform(-5, 5, size)]
-    for angle in _HARD_ANGLES:
-        for rate in _HARD_RATES:
+    for angle in _HARD_HINGE_ANGLES:
+        for rate in _HARD_JOINT_RATES:
             signs = rng.choice((-1.0, 1.0), (3, 1, robot.dof))
             q.append(signs[0] * np.where(hinges, angle, 0.0))
             qd.append(signs[1] * rate)

@@ -33,15 +33,16 @@ from hingepair.validation.free_flyer import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotTwin:
-    """A robot as a Pinocchio model, and the conversion of the robot's coordinates to Pinocchio's.
+    """A robot as a Pinocchio model, with methods that convert the robot's coordinates to Pinocchio's.
 
     Attributes:
-        model: a free-flyer "root_joint" where `has_free_flyer`, then the joints that move, in their order; the links
-            are its frames of type BODY, further frames are of type OP_FRAME.
-        data: its scratch memory.
+        model: Pinocchio model with a free-flyer "root_joint" if `has_free_flyer`, then the moving joints in their
+            order. The links are frames of type BODY, further frames are of type OP_FRAME.
+        data: Pinocchio's `Data` of the model, in which its algorithms store results.
         has_free_flyer: whether the base is a free-flyer.
-        ratios: rates of the joints of the model for the rates of the robot's coordinates; shape (joints, dof).
-        offsets: positions of the joints of the model where q is zero [rad or m]; shape (joints,).
+        ratios: matrix from the rates of the robot's coordinates to the rates of the model's joints; shape
+            (joints, dof).
+        offsets: positions of the model's joints at q = 0 [rad or m]; shape (joints,).
     """
 
     model: Any
@@ -51,7 +52,8 @@ class RobotTwin:
     offsets: Float64Array
 
     def configuration(self, q: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and for R and S of the base.
+        """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and the R and S of the base.
+        The base is at the origin unless given. Raise an ArgumentError for a wrong shape.
 
         Raises:
             ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
@@ -60,7 +62,8 @@ class RobotTwin:
         return _join_coordinates(base, self._joint_coordinates("q", q) + self.offsets)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and for S, v and omega of the base.
+        """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of the base.
+        The base is at rest unless given. Raise an ArgumentError for a wrong shape.
 
         Raises:
             ArgumentError: as `configuration`.
@@ -73,7 +76,8 @@ class RobotTwin:
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
-        """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd, qdd and the motion of the base.
+        """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd and qdd, shape (..., dof), and the
+        motion of the base. The base is at rest unless given. Raise an ArgumentError for a wrong shape.
 
         Raises:
             ArgumentError: as `configuration`.
@@ -84,8 +88,8 @@ class RobotTwin:
         )
 
     def _joint_coordinates(self, name: str, values: ArrayLike) -> Float64Array:
-        """Convert q, qd or qdd of the robot to values of all joints of Pinocchio's model, followers included, without
-        offsets.
+        """Convert q, qd or qdd of the robot to values of all joints of Pinocchio's model, mimic joints included but
+        without their offsets; shape (..., joints). Raise an ArgumentError for a wrong shape.
         """
         robot_values = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
         joint_values = np.zeros((*robot_values.shape[:-1], len(self.ratios)))
@@ -95,8 +99,8 @@ class RobotTwin:
         return joint_values
 
     def _base_coordinates(self, base_motion: BodyMotion | None, convert: Any) -> list[Float64Array]:
-        """Return the parts of Pinocchio's coordinates that describe the free-flyer, by a conversion of the base's
-        motion; none without a free-flyer.
+        """Return a list of the parts of Pinocchio's coordinates that describe the free-flyer, which `convert` returns
+        for the motion of the base. Without a free-flyer, it is empty, and base_motion raises an ArgumentError.
         """
         if not self.has_free_flyer:
             if base_motion is not None:
@@ -111,11 +115,12 @@ RESTING_BASE_MOTION = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega"
 
 
 def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> RobotTwin:
-    """Return a robot as a Pinocchio model with conversions of coordinates to Pinocchio's.
+    """Build a robot as a Pinocchio model, and return it with methods that convert coordinates to Pinocchio's. Raise a
+    MissingDependencyError if Pinocchio is not installed.
 
     Args:
         robot: the robot; the mass of a fixed base, which counts nowhere, is not in the model.
-        has_free_flyer: whether the base is a free-flyer; unless given, where the robot's base is free.
+        has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.

@@ -15,9 +15,9 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from hingepair.validation.report import MAX_FORCE_ERROR_RATIO, Comparison, RateComparison
+from hingepair.validation.report import FORCE_ERROR_BOUND_ROUNDOFFS, Comparison, RateComparison
 
-_LOAD_COMPONENTS_BY_BASE: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_LOAD_COMPONENTS_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -29,12 +29,13 @@ loads gives, by the base and by whether the motion is in the plane; the hinge's 
 _FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
 _DIFFERENCE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
-_NEIGHBOUR_SAMPLE_COUNT: Final = 3  # samples to either side whose slopes are off alike
-# Of the largest rate: slopes of both orders that differ by more are no slopes.
-_MAX_RELATIVE_SLOPE_DIFFERENCE: Final = 1e-3
-_RELATIVE_RATE_TOLERANCE: Final = 0.05  # of the largest rate: what a rate that belongs to other values is off by
-# Of the largest rate: where a rate changes by more between samples, an oscillation may hide between them.
-_MAX_RELATIVE_RATE_CHANGE: Final = 0.5
+_NEIGHBOUR_COUNT_PER_SIDE: Final = 3  # samples to either side whose slopes are off alike
+# Slopes of the two orders that differ by more, relative to the largest slope, are uncertain.
+_MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE: Final = 1e-3
+# Largest accepted error of a rate; a rate that belongs to other values differs by more.
+_RATE_TOLERANCE_TO_LARGEST_RATE: Final = 0.05
+# Where a rate changes by more between two samples, an oscillation may be hidden between them.
+_MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE: Final = 0.5
 
 
 def compare_forces(
@@ -47,8 +48,8 @@ def compare_forces(
     base: str,
     is_planar: bool,
 ) -> tuple[Comparison, ...]:
-    """Compare the loads of a simulated motion with the forces that the motion requires by Pinocchio's inverse
-    dynamics (`rnea`); return one comparison for each load.
+    """Compare the loads of a simulated motion with the forces that the motion requires according to Pinocchio's
+    inverse dynamics (`rnea`); return a tuple with a Comparison for each load.
 
     Args:
         pair: the pair in space, with its masses.
@@ -81,7 +82,7 @@ def compare_forces(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
             load_forces[i] += jacobian.T @ on_body2[i]
-    load_components = _LOAD_COMPONENTS_BY_BASE.get((base, is_planar), (6,))
+    load_components = _LOAD_COMPONENTS_BY_BASE_AND_PLANARITY.get((base, is_planar), (6,))
     other_components = [i for i in range(7) if i not in load_components]
     load_forces[:, other_components] = required_forces[:, other_components]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
@@ -89,7 +90,7 @@ def compare_forces(
     for name, columns in _FORCE_SLICE_BY_LOAD.items():
         if {*range(*columns.indices(7))} & {*load_components}:
             errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
-            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_FORCE_ERROR_RATIO))
+            rows.append(Comparison.worst_of(name, *errors, psi.shape, FORCE_ERROR_BOUND_ROUNDOFFS))
     return tuple(rows)
 
 
@@ -101,8 +102,8 @@ def _force_scales(
     loads: Mapping[str, Float64Array],
     gravity: float,
 ) -> dict[str, Float64Array]:
-    """Compute the scale of the error of each force, the size of its terms before they cancel; return arrays (N,) by
-    load.
+    """Compute the scale of the error of each force, which is the size of its terms before they cancel; return a dict
+    of arrays (N,) by load. `gravity` is the magnitude of the acceleration [m/s^2].
     """
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
@@ -131,8 +132,8 @@ def _force_scales(
 def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
-    """Compare the rates of a motion with slopes, by finite differences, of the quantities whose rates they are.
-    Return one comparison for each rate.
+    """Compare the rates of a motion with the slopes of their quantities by finite differences; return a tuple with a
+    RateComparison for each rate.
 
     Only instants at which slopes of order 6 and order 4 agree are compared: not those beside kinks, and none where
     the instants are too few for the motion. A rate that differs is wrong; one that is not compared may be right.
@@ -157,20 +158,25 @@ def compare_rates(
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = len(t) > _DIFFERENCE_ORDERS[0] and step * sizes[1] <= _MAX_RELATIVE_RATE_CHANGE * sizes[0]
+        enough = (
+            len(t) > _DIFFERENCE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE * sizes[0]
+        )
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
             rows.append(
                 RateComparison.worst_of(
-                    name, quantity, error, _RELATIVE_RATE_TOLERANCE * float(np.nanmax(np.abs(rate), initial=0.0))
+                    name,
+                    quantity,
+                    error,
+                    _RATE_TOLERANCE_TO_LARGEST_RATE * float(np.nanmax(np.abs(rate), initial=0.0)),
                 )
             )
     return tuple(rows)
 
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
-    """Return the difference of a rate from the slope of values, both (N, k), as an array (N,); NaN where the slope is
-    uncertain.
+    """Return the largest difference of a rate from the slope of values, both of shape (N, k), at each instant; shape
+    (N,), NaN where the slope is uncertain.
     """
     fine, coarse = (
         np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _DIFFERENCE_ORDERS
@@ -178,10 +184,10 @@ def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> 
     disagreement = np.abs(fine - coarse).max(axis=-1)
     slope_error = np.max(
         [
-            np.roll(np.pad(disagreement, _NEIGHBOUR_SAMPLE_COUNT), k)
-            for k in range(-_NEIGHBOUR_SAMPLE_COUNT, _NEIGHBOUR_SAMPLE_COUNT + 1)
+            np.roll(np.pad(disagreement, _NEIGHBOUR_COUNT_PER_SIDE), k)
+            for k in range(-_NEIGHBOUR_COUNT_PER_SIDE, _NEIGHBOUR_COUNT_PER_SIDE + 1)
         ],
         axis=0,
-    )[_NEIGHBOUR_SAMPLE_COUNT:-_NEIGHBOUR_SAMPLE_COUNT]
-    is_resolved = slope_error <= _MAX_RELATIVE_SLOPE_DIFFERENCE * np.nanmax(np.abs(fine), initial=0.0)
+    )[_NEIGHBOUR_COUNT_PER_SIDE:-_NEIGHBOUR_COUNT_PER_SIDE]
+    is_resolved = slope_error <= _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE * np.nanmax(np.abs(fine), initial=0.0)
     return np.where(is_resolved, np.abs(rate - fine).max(axis=-1), np.nan)
