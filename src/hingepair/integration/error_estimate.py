@@ -36,26 +36,25 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 MAX_MEASURED_STEPS: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
-MIN_EVALUATED_STEPS: Final = 509
+MIN_EVALUATED_EVEN_STEPS: Final = 509
 """Even steps over the whole time at whose nodes a callable is evaluated, at least, to find what longer steps miss.
 
 A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
 """
 
 # Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
-_NODE_ROUNDING_ERROR_FACTOR = 0.4
+_STEP_ERROR_PER_NODE_TIME_ROUNDING = 0.4
 # First and last node of a step on [0, 1].
 _FIRST_AND_LAST_GAUSS_NODE = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
 _NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
-_STEP_END_OFFSET_FRACTION = 1e-4
-_INTERVALS_PER_CHUNK = 1 << 12  # intervals whose errors are measured at a time, in arrays of a megabyte or two
-_GOLDEN_RATIO_FRACTION = (
-    0.6180339887498949  # of the golden ratio; fractions of its multiples are spread evenly over [0, 1]
-)
-_JUMP_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
-_MIN_MEASURED_LENGTH_RATIO = 0.5  # of the longest step of a part: shorter ones are not measured for the part
-_CONSTANCY_CHECK_STEPS = 64  # steps in which a rate is compared to find out whether it is constant
+_STEP_END_SAMPLE_OFFSET = 1e-4
+_MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
+# Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
+_GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
+_JUMP_DETECTION_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
+_MIN_SAMPLED_TO_LONGEST_STEP_RATIO = 0.5  # of the longest step of a part: shorter ones are not measured for the part
+_CONSTANCY_CHECK_STEP_COUNT = 64  # steps in which a rate is compared to find out whether it is constant
 
 
 class StepSample(NamedTuple):
@@ -75,7 +74,9 @@ class StepSample(NamedTuple):
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
-        """Return the ratio of the error of each step's part to its own, where errors go as length^(order + 1)."""
+        """Return, for each measured step, the error of the part for which it stands over the error of the step; (P,).
+        The error of a step is taken to be proportional to length^(order + 1).
+        """
         if len(self.steps) == len(self.t) - 1:
             return np.ones(len(self.steps))
         errors = np.diff(self.t) ** (order + 1)
@@ -86,7 +87,8 @@ class StepSample(NamedTuple):
 
 
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
-    """Return the steps whose errors are measured: all, or one in each of about MAX_MEASURED_STEPS parts of the time.
+    """Return the sample of steps whose errors are measured, a `StepSample`. The sample is all steps, or one in each
+    of about MAX_MEASURED_STEPS parts of the time, and the steps over which `signals` change most abruptly.
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -108,8 +110,10 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
             first[abrupt[abrupt < count - 1] + 1] = True
     parts = np.flatnonzero(first)
     shares = lengths / np.repeat(np.maximum.reduceat(lengths, parts), np.diff(parts, append=count))
-    below = np.append(0.0, np.cumsum(np.where(shares < _MIN_MEASURED_LENGTH_RATIO, 0.0, shares ** (order + 1))))
-    chance = np.arange(1, len(parts) + 1) * _GOLDEN_RATIO_FRACTION % 1.0
+    below = np.append(
+        0.0, np.cumsum(np.where(shares < _MIN_SAMPLED_TO_LONGEST_STEP_RATIO, 0.0, shares ** (order + 1)))
+    )
+    chance = np.arange(1, len(parts) + 1) * _GOLDEN_RATIO_FRACTIONAL_PART % 1.0
     sums = np.diff(below[np.append(parts, count)])
     return StepSample(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
 
@@ -118,17 +122,19 @@ def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
     """Return the indices of the MAX_MEASURED_STEPS / 8 steps over which the values at t change most abruptly."""
     count, step_count = len(t) - 1, MAX_MEASURED_STEPS // 8
     differences = values
-    for k in range(1, _JUMP_DIFFERENCE_ORDER + 1):
+    for k in range(1, _JUMP_DETECTION_DIFFERENCE_ORDER + 1):
         differences = np.diff(differences, axis=0) / (t[k:] - t[:-k])[:, None]
-    first = np.clip(np.arange(count) - (_JUMP_DIFFERENCE_ORDER - 1) // 2, 0, len(differences) - 1)
+    first = np.clip(np.arange(count) - (_JUMP_DETECTION_DIFFERENCE_ORDER - 1) // 2, 0, len(differences) - 1)
     middle, sizes = 0.5 * (t[:-1] + t[1:]), np.diff(t) * row_norms(differences)[first]
-    for k in range(_JUMP_DIFFERENCE_ORDER):
+    for k in range(_JUMP_DETECTION_DIFFERENCE_ORDER):
         sizes *= np.abs(middle - t[first + k])
     return np.argpartition(sizes, -step_count)[-step_count:]
 
 
 class StepErrors(NamedTuple):
-    """Measured errors of integration steps, the noise of the measurement, and bounds on errors that it may miss."""
+    """Measured errors of integration steps, the noise of the measurement, and bounds on errors that it may miss. Also
+    the integrals of the absolute rate over the steps, and their noise.
+    """
 
     errors: Array  # rotation vectors (P, 3) or angles (P, 1) [rad]
     undetected: Array  # sizes of errors of jumps that the measurement may miss [rad]; shape (P,)
@@ -160,7 +166,9 @@ def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
 def estimate_error(
     integral: Integral, steps: Steps, values: Array, measured_errors: tuple[StepSample, StepErrors] | None = None
 ) -> float:
-    """Return an estimate of the error of an integral at its worst instant [rad], without the rounding of stamps.
+    """Return an estimate of the error of an integral at its worst instant [rad]; NaN if there is no estimate. The
+    rounding of the time stamps of samples is not part of the estimate. Without `measured_errors`, the errors of a
+    sample of the steps are measured here.
 
     Args:
         integral: the integral.
@@ -220,7 +228,8 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the largest sum of errors times `factors` up to any instant [rad]; at least that of undetected ones.
+        """Return the size of the largest sum of errors times `factors` up to any instant [rad]. A sum that rounding
+        explains counts as zero. The result is at least the size of the undetected errors.
 
         Args:
             factors: multiply the errors; shape (P,).
@@ -238,7 +247,8 @@ class AccumulatedErrors(NamedTuple):
 def accumulate_errors(
     integral: Integral, steps: Steps, values: Array, measured: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
-    """Return the measured errors of steps rotated to the axes of the first instant, where they add up.
+    """Return the errors of the parts for which the measured steps stand, as `AccumulatedErrors`. The errors are
+    rotated to the axes of the first instant, where they add up.
 
     Args:
         integral: the integral.
@@ -258,10 +268,12 @@ def accumulate_errors(
 
 
 def _is_rate_constant(rate: Signal, measured: StepSample) -> bool:
-    """Return whether a rate is the same at the nodes of some measured steps; all steps are then rounded alike."""
+    """Return True if a rate is the same at the nodes of a sample of the measured steps. All steps are then rounded
+    alike.
+    """
     if isinstance(rate, ConstantSignal):
         return True
-    sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANCY_CHECK_STEPS).astype(np.intp))
+    sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANCY_CHECK_STEP_COUNT).astype(np.intp))
     start, stop = (times[sampled] for times in measured.ends)
     rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_GAUSS_NODE)
     return bool((rates == rates[0, 0]).all())
@@ -270,7 +282,9 @@ def _is_rate_constant(rate: Signal, measured: StepSample) -> bool:
 def _sum_by_sample_interval(
     steps: Steps, step_indices: NDArray[np.intp], errors: Array
 ) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices of intervals between instants, and the sums of the errors of the steps that lie in each."""
+    """Return two arrays: indices of intervals between instants, and sums of the errors of the steps in each of them.
+    Intervals that contain none of the steps are left out.
+    """
     if steps.instant_indices is None:
         return step_indices, errors
     intervals, first = np.unique(
@@ -280,26 +294,29 @@ def _sum_by_sample_interval(
 
 
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Return the errors of steps, measured against steps of half their length, or shorter where steps are long.
+    """Return the errors of steps, measured by comparison with two or more steps in place of each. A long step is
+    compared with more than two, none longer than a `MIN_EVALUATED_EVEN_STEPS`th of the duration.
 
     Args:
         integral: the integral.
         start: instants at which the steps begin [s].
         stop: instants at which the steps end [s].
-        duration: the whole time [s], which is divided into at least `MIN_EVALUATED_STEPS` even steps.
+        duration: the whole time [s], which is divided into at least `MIN_EVALUATED_EVEN_STEPS` even steps.
     """
-    groups = (slice(first, first + _INTERVALS_PER_CHUNK) for first in range(0, len(start), _INTERVALS_PER_CHUNK))
+    groups = (
+        slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
+    )
     return concatenate_errors(
         _measure_chunk_errors(integral, start[group], stop[group], duration) for group in groups
     )
 
 
 def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Return the errors of a chunk of steps as `measure_step_errors` does."""
+    """Return the errors of one chunk of steps. Arguments and result are those of `measure_step_errors`."""
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     fine = subdivide(
-        start, stop, 2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVALUATED_STEPS) // 2), 1)
+        start, stop, 2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVALUATED_EVEN_STEPS) // 2), 1)
     )
     node_values = (
         rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),
@@ -314,7 +331,9 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
 
 
 def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArray[np.int64]:
-    """Return how many of `even_steps` equal steps of the whole time lie in intervals of these lengths; 1 or more."""
+    """Return how many steps of at most `duration` / `even_steps` each interval of these lengths must be divided into.
+    The number is at least 1 and at most `even_steps`.
+    """
     counts: NDArray[np.int64] = np.clip(
         np.nan_to_num(np.ceil(lengths * (even_steps / duration)), nan=1.0), 1, even_steps
     )
@@ -329,7 +348,9 @@ def errors_above_noise(errors: Array, noise: Array) -> Array:
 def _undetected_errors(
     signal: Signal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
 ) -> Array:
-    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance; (intervals,).
+    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance; shape (intervals,).
+    The bounds are zero where the signal is no callable. `node_values` are its values at the nodes of the coarse and
+    of the fine steps.
 
     Where a callable jumps between two nodes of a pair of steps, the error of the integral may be the jump times the
     distance of the nodes. Divided differences over many nodes estimate this product; they are small where the
@@ -340,7 +361,7 @@ def _undetected_errors(
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
     inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
     ends = signal.values_at_nodes(
-        pairs.start, pairs.h, (_STEP_END_OFFSET_FRACTION, 1 - _STEP_END_OFFSET_FRACTION)
+        pairs.start, pairs.h, (_STEP_END_SAMPLE_OFFSET, 1 - _STEP_END_SAMPLE_OFFSET)
     ).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
@@ -354,12 +375,12 @@ def _undetected_errors(
 
 @functools.cache
 def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
-    """Return two matrices (gaps, nodes) of divided differences that give, for a unit jump in a gap, the gap's length.
-
-    Gaps are those between neighbouring nodes. The orders of the differences are the rule's order and one more.
+    """Return two cached matrices (gaps, nodes) that bound the integration error of a jump between two nodes. Each row
+    is a divided difference, scaled: of a unit jump in its gap between neighbouring nodes it gives the length of the
+    gap. The orders of the differences are the rule's order and one more.
     """
     nodes = np.array(rule.nodes) / 2
-    x = np.concatenate([[_STEP_END_OFFSET_FRACTION], nodes, 0.5 + nodes, [1 - _STEP_END_OFFSET_FRACTION]])
+    x = np.concatenate([[_STEP_END_SAMPLE_OFFSET], nodes, 0.5 + nodes, [1 - _STEP_END_SAMPLE_OFFSET]])
     matrices = []
     for order in (rule.order, rule.order + 1):
         rows = np.zeros((len(x) - 1, len(x)))
@@ -380,7 +401,7 @@ class StepRounding(NamedTuple):
 
 
 def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
-    """Return the rounding of integration steps between starts and stops [s], as standard deviations."""
+    """Return the `StepRounding` of integration steps that begin and end at the given times [s]."""
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
@@ -390,6 +411,6 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
     node_noise = (
         0.0
         if isinstance(signal, SampledSignal)
-        else _NODE_ROUNDING_ERROR_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
+        else _STEP_ERROR_PER_NODE_TIME_ROUNDING * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
     return StepRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

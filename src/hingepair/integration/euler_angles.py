@@ -31,14 +31,15 @@ RK4_NODES: Final = STEP_RULES["rk4_quaternion"].nodes
 
 # abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
 _GIMBAL_LOCK_COSINE = 0.5
-_MAX_STEP_ANGLE = 1.0  # rad: largest change of an angle in a step
-_MIN_COMPILED_STEPS = 5_000  # steps from which on compiling pays
+_MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
+_MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
 
 
 def integrate_euler_angles(
     omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, omega_in_body_axes: bool
 ) -> Array:
-    """Return the Euler angles of body 1 between steps, integrated from omega, continuous; shape (steps + 1, 3).
+    """Return the continuous Euler angles of body 1 at the ends of steps, integrated from omega; shape (steps + 1, 3).
+    `start` are the angles at the first time. Raise a GimbalLockError near gimbal lock.
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near gimbal lock or because steps are too
@@ -46,7 +47,7 @@ def integrate_euler_angles(
     """
     angles = np.empty((len(steps.t), 3))
     angles[0] = start
-    compile_auto = execution.backend == "auto" and steps.step_count >= _MIN_COMPILED_STEPS and can_compile()
+    compile_auto = execution.backend == "auto" and steps.step_count >= _MIN_STEPS_TO_COMPILE and can_compile()
     run = _integrate_compiled if compile_auto or execution.backend == "compiled" else _integrate_on_floats
     for first, last in steps.chunks():
         begin, (h, _) = steps.starts_and_lengths(first, last)
@@ -67,14 +68,18 @@ def integrate_euler_angles(
 
 
 def euler_to_quaternions(phi: Array) -> Array:
-    """Return the unit quaternions (w, x, y, z) of Euler angles XYZ (E10), continuous where the angles are."""
+    """Return the unit quaternions (w, x, y, z), (N, 4), of Euler angles XYZ (E10), (N, 3). They are continuous where
+    the angles are.
+    """
     (sx, sy, sz), (cx, cy, cz) = np.sin(0.5 * phi).T, np.cos(0.5 * phi).T
     about_x_y = quaternion_product((cx, sx, 0.0, 0.0), (cy, 0.0, sy, 0.0))
     return np.stack(quaternion_product(about_x_y, (cz, 0.0, 0.0, sz)), axis=-1)
 
 
 def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Write the angles after each step into `angles`, computed on floats; stop after NaN, which means gimbal lock."""
+    """Write the angles after each step into `angles`, computed one step at a time on Python floats. The first step
+    with a NaN, which means gimbal lock, is the last one written.
+    """
     phi, step = tuple(start.tolist()), _float_step_function(omega_in_body_axes)
     for k, (w, length) in enumerate(zip(node_omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
         angles[k] = phi = step(*phi, *w, length)[:3]
@@ -84,14 +89,16 @@ def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_bod
 
 @functools.cache
 def _float_step_function(omega_in_body_axes: bool) -> Any:
-    """Return the Python function of one Runge-Kutta step on floats: from phi, omega at three nodes and h to phi."""
+    """Return the cached function of one Runge-Kutta step on 13 floats: phi, omega at three nodes, and length h. The
+    function returns a sequence that begins with the new phi.
+    """
     loop = _runge_kutta_loop(omega_in_body_axes)
     examples = {name: np.full((2, *shape), 0.5) for name, shape in loop.inputs}
     return loop.program(bind(loop.inputs, examples, frozenset(loop.carry)).pattern).floats_function
 
 
 def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Write the angles after each step into `angles`, computed by the compiled loop."""
+    """Write the angles after each step into `angles`, computed by the compiled loop; NaN after gimbal lock."""
     arguments = {"phi": start[None], "omega": node_omega[None], "h": h[None]}
     _runge_kutta_loop(omega_in_body_axes).run(
         arguments, {"phi": angles[None]}, (1, len(h)), FLOAT64_DTYPE, Execution("compiled", 1)
@@ -100,10 +107,12 @@ def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body
 
 @functools.cache
 def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
-    """Return the `Loop` of Runge-Kutta steps of Euler angles from omega at start, middle and end; NaN near lock."""
+    """Return the cached `Loop` of Runge-Kutta steps that integrate Euler angles from omega; NaN near gimbal lock. The
+    inputs are phi, omega at start, middle and end of each step, and the length h of each step.
+    """
 
     def step(values: dict[str, Any]) -> dict[str, Any]:
-        """Return the angles phi after a step from phi before it, omega at start, middle and end, and length h."""
+        """Return the angles after a step, as {"phi": ...}, from phi before it, omega at 3 nodes, and its length h."""
         phi, w, h = values["phi"], values["omega"], values["h"]
         a = _euler_rates(phi, w[:3], h, omega_in_body_axes)
         b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, omega_in_body_axes)
@@ -117,7 +126,7 @@ def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
 
 
 def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_axes: bool) -> Any:
-    """Return the Euler-angle rates J^-1 omega (E4); NaN where gimbal lock is too near for a step of length h."""
+    """Return the Euler-angle rates J^-1 omega (E4); NaN if a step of length h is too long near gimbal lock."""
     x, y, z = phi
     trig = (sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z))
     w = eq.rotate(eq.tait_bryan_attitude(trig), omega) if omega_in_body_axes else omega
@@ -128,6 +137,6 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_a
     return where_less(
         squared_cos,
         _GIMBAL_LOCK_COSINE**2,
-        where_less(_MAX_STEP_ANGLE**2 * squared_cos, squared_change, nan_rates, rates),
+        where_less(_MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
         rates,
     )

@@ -27,7 +27,7 @@ _CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RateIntegral:
-    """Base of integrals of a rate: the rate as a signal, the rule that makes steps, and the execution."""
+    """Base of integrals of a rate: the name of the rate, the rate as a signal, the step rule, and the execution."""
 
     name: str  # of the rate, for messages
     rate: Signal
@@ -36,7 +36,9 @@ class _RateIntegral:
     expected_rate: ClassVar[str]  # of messages on overflow
 
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Check that results between steps have not overflowed; an error names the first interval where they have."""
+        """Raise an ArgumentError if `rows`, the results at the ends of steps, have overflowed. The error names the
+        first interval between instants in which they have.
+        """
         if not np.isfinite(rows[-1]).all():
             first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))
             raise ArgumentError(
@@ -59,9 +61,9 @@ class AngleIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Any) -> Array:
-        """Return the angles [rad] between steps, accurate to about the last bit of the sum; shape (steps + 1,).
-
-        Of many motions, whose starts are an array (...,), the shape is (..., steps + 1); overflow is accepted.
+        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,), of many
+        motions, whose starts are an array (...,), (..., steps + 1). For one motion raise an ArgumentError if an angle
+        overflows.
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
@@ -80,7 +82,9 @@ class AngleIntegral(_RateIntegral):
         angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the angles by coarse steps less those by finer steps of the same intervals [rad]; (intervals, 1)."""
+        """Return the angles by coarse steps less those by fine steps of the same intervals [rad]; (intervals, 1).
+        `node_values` are the rates at the nodes of the coarse and of the fine steps.
+        """
         sums = [
             steps.sum_over_intervals(self.rule.integral(values, steps.h))
             for steps, values in zip((coarse, fine), node_values, strict=True)
@@ -119,9 +123,9 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the quaternions (w, x, y, z) between steps, without a jump of their sign; shape (steps + 1, 4).
-
-        Of many motions, whose starts are an array (..., 4), the shape is (..., steps + 1, 4); overflow is accepted.
+        """Return the quaternions (w, x, y, z) at the ends of steps, without a jump of sign; shape (steps + 1, 4), of
+        many motions, whose starts are an array (..., 4), (..., steps + 1, 4). For one motion raise an ArgumentError
+        if a quaternion overflows.
         """
         begin = start * _CONJUGATE_SIGNS if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
@@ -146,7 +150,9 @@ class AttitudeIntegral(_RateIntegral):
         )
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the rotation vectors [rad] from results of fine steps to those of coarse steps; (intervals, 3)."""
+        """Return the rotation vectors [rad] from results of fine steps to those of coarse steps; (intervals, 3).
+        `node_values` are omega at the nodes of the coarse and of the fine steps.
+        """
         a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), node_values, strict=True))
         w, x, y, z = quaternion_product(tuple(a), (b[0], -b[1], -b[2], -b[3]))
         length = np.sqrt(x * x + y * y + z * z)
@@ -155,7 +161,7 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
     def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
-        """Return the quaternions of intervals, (4, intervals), by multiplying those of their steps pairwise."""
+        """Return the quaternions of the rotations over intervals, products of those of the steps; (4, intervals)."""
         quats = np.empty((len(subdivision.h), 4))
         self._compute_rotations(node_omega, subdivision.h, quats)
         q, part = quats.T.copy(), subdivision.part
@@ -177,7 +183,7 @@ class AttitudeIntegral(_RateIntegral):
         return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
-        """Return errors of intervals in the axes of the first instant; `quats` are the attitudes at their ends."""
+        """Return the errors of intervals in the axes of the first instant; `quats` are attitudes at their ends."""
         q = quats if self.omega_in_body_axes else quats * _CONJUGATE_SIGNS
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)

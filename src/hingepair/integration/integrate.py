@@ -31,7 +31,7 @@ from hingepair.integration.trajectory import (
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
-    trajectory_of_arrays,
+    trajectory_from_arrays,
 )
 from hingepair.numeric.arrays import (
     FLOAT64_DTYPE,
@@ -70,13 +70,13 @@ RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 SignalsByName: TypeAlias = Mapping[str, NDArray[np.object_]]
 """Signals of the rates, by the names of the arguments; each an array with a signal for each motion."""
 
-_RATE_ARGUMENT_BY_INPUT: Final = {
+_RATE_ARGUMENT_NAME_BY_PLAN_INPUT: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
 """Names of the arguments that give rates, by input of a plan."""
 
-_R1_FORM_BY_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+_EXPECTED_R1_TEXT_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
@@ -140,7 +140,8 @@ def integrate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> Any:
-    """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
+    """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12). Return a
+    `Trajectory`, of a PlanarPair a `PlanarTrajectory`. Raise an error if `tol` is not reached.
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
     constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
@@ -253,7 +254,9 @@ def _read_request(
     outputs: Outputs,
     backend: str,
 ) -> _Request:
-    """Check the arguments of `integrate`, and return them as signals and arrays."""
+    """Check the arguments of `integrate`, and return them as a `_Request` of signals and arrays. Raise an
+    ArgumentError that names an argument of wrong kind or shape. Samples may still hold NaN.
+    """
     check_choice("method", method, METHOD_NAMES)
     check_choice("frame", frame, RATE_FRAME_NAMES)
     execution = execution_of(backend, 1)
@@ -291,7 +294,9 @@ def _read_request(
 
 
 def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
-    """Return a value at t[0], of one motion `trailing_shape` or of many (..., *trailing_shape), as float64 array."""
+    """Return a value at t[0] as a float64 array: `trailing_shape` of one motion, (..., *trailing_shape) of many.
+    Raise an ArgumentError for another shape.
+    """
     if np.ndim(value) == 0 and not trailing_shape:
         return np.array(finite_number(name, value))
     return vectors(name, value, *trailing_shape).astype(np.float64)
@@ -300,8 +305,8 @@ def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
 def _name_of_motion(name: str, index: Sequence[int]) -> str:
     """Return the name of an argument with the index of a motion, for messages; the name alone for an empty index.
 
-    >>> _name_of_motion("psi_0", ()), _name_of_motion("psi_0", (3,)), _name_of_motion("psi_0", (2, 5))
-    ('psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)')
+    >>> [_name_of_motion("psi_0", index) for index in [(), (3,), (2, 5)]]
+    ['psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)']
     """
     return f"{name} of motion {index[0] if len(index) == 1 else tuple(index)}" if len(index) else name
 
@@ -315,8 +320,8 @@ class _Motion(NamedTuple):
     psi_0: float  # rad
 
 
-def _motions_of(request: _Request) -> list[_Motion]:
-    """Return the motions of a request, in C order of their indices."""
+def _list_motions(request: _Request) -> list[_Motion]:
+    """Return a list of the motions of a request, in C order of their indices."""
     shape, is_planar = request.motions, isinstance(request.pair, PlanarPair)
     signals: dict[str, Any] = dict(request.signals)
     starts, psi_0 = request.start, request.psi_0
@@ -356,7 +361,9 @@ def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...]
 def _check_motions(
     request: _Request, motions: Iterable[_Motion], first_motion_index: tuple[int, ...] | None = None
 ) -> None:
-    """Check that the numbers of each motion are finite and that its start is a rotation; errors name the motion."""
+    """Raise an ArgumentError that names the first motion of which a number is not finite, or the attitude at the
+    start is no rotation. `first_motion_index` is the index that messages give the first motion; zeros unless given.
+    """
     for motion in motions:
         with _errors_named_by_motion(motion, first_motion_index):
             _check_motion(request, motion)
@@ -372,7 +379,7 @@ def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None
     Raises:
         ArgumentError, GimbalLockError: a motion cannot be used; of many motions the error names the motion.
     """
-    motions, solutions = _motions_of(request), []
+    motions, solutions = _list_motions(request), []
     _check_motions(request, motions, first_motion_index)
     for motion, integrated in zip(motions, _integrate_together(request.options, motions), strict=True):
         with _errors_named_by_motion(motion, first_motion_index):
@@ -399,7 +406,7 @@ def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> li
 
 
 def _check_motion(request: _Request, motion: _Motion) -> None:
-    """Check that the numbers of a motion are finite and that its start is a rotation."""
+    """Raise an ArgumentError if a number of a motion is not finite, or its attitude at the start is no rotation."""
     for name, signal in motion.signals.items():
         check_finite_values(name, signal)
     finite_number("psi_0", motion.psi_0)
@@ -420,7 +427,7 @@ def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Arra
 
 
 def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
-    """Return the trajectory of all motions from their solutions, with the state of the pair."""
+    """Return the `Trajectory` or `PlanarTrajectory` of all motions, with states, from their solutions."""
     t, motions = request.options.t, request.motions
     is_planar = isinstance(request.pair, PlanarPair)
     orientations = _stack_results(
@@ -448,7 +455,9 @@ def _stack_results(
     trailing_shape: tuple[int, ...],
     dtype: np.dtype[Any] = FLOAT64_DTYPE,
 ) -> NDArray[Any]:
-    """Return the results of motions, of one shape each, as one read-only array; of one motion without a copy."""
+    """Return the results of motions, arrays of equal shape, as one read-only array (*motions, *trailing_shape). The
+    result of a single motion, where `motions` is (), is not copied.
+    """
     if not motions:
         return read_only(np.asarray(results[0]))
     array = np.empty((len(results), *trailing_shape), dtype)
@@ -463,7 +472,7 @@ def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyV
 
 
 def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
-    """Return the state of the pair at the instants of all motions."""
+    """Return the `PairState` or `PlanarState` with the requested outputs at the instants of all motions."""
     options, plan = request.options, request.plan
     shape = psi.shape
     if not plan.outputs:
@@ -474,8 +483,8 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
         "psi": psi,
         **({"phi1": orientations} if S1 is None else {"S1": S1}),
     }
-    for name in plan.inputs & _RATE_ARGUMENT_BY_INPUT.keys():
-        argument = _RATE_ARGUMENT_BY_INPUT[name]
+    for name in plan.inputs & _RATE_ARGUMENT_NAME_BY_PLAN_INPUT.keys():
+        argument = _RATE_ARGUMENT_NAME_BY_PLAN_INPUT[name]
         is_vector = S1 is not None and argument in {"omega1", "alpha1"}
         values = values_at(request.signals[argument], options.t, (3,) if is_vector else ())
         inputs[name] = rotate_to_world(S1, values) if options.omega_in_body_axes and is_vector else values
@@ -486,7 +495,9 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
 def _integrate_lazily(
     pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
 ) -> Any:
-    """Return a trajectory whose arrays are lazy Dask arrays: one task integrates each chunk of motions."""
+    """Return a trajectory whose arrays are lazy Dask arrays, of which one task integrates each chunk of motions. All
+    arguments are checked here. `motion_arguments` and `other_arguments` are those of `integrate`, by name.
+    """
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
         check_pair(pair)
@@ -494,13 +505,13 @@ def _integrate_lazily(
     execution_of(other_arguments["backend"], 1)
     R1, point, vector = motion_arguments["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
     tails: dict[str, Any] = {
-        **{name: _shape_of_one(motion_arguments[name], len(t), vector) for name in ("omega1", "alpha1")},
-        **{name: _shape_of_one(motion_arguments[name], len(t), ()) for name in ("psid", "psidd")},
-        "R1": _shape_of_one(R1, len(t), point),
+        **{name: _shape_for_one_motion(motion_arguments[name], len(t), vector) for name in ("omega1", "alpha1")},
+        **{name: _shape_for_one_motion(motion_arguments[name], len(t), ()) for name in ("psid", "psidd")},
+        "R1": _shape_for_one_motion(R1, len(t), point),
         **{"S1_0": (3, 3), "phi_0": (), "psi_0": ()},
     }
     if isinstance(R1, tuple) and len(R1) and np.ndim(R1[0]) > 0:
-        tails["R1"] = [_shape_of_one(part, len(t), point) for part in R1]
+        tails["R1"] = [_shape_for_one_motion(part, len(t), point) for part in R1]
     arguments = {"pair": pair, "t": t, **motion_arguments, **other_arguments}
     arrays = apply_to_chunks(
         _integrate_chunk,
@@ -517,11 +528,11 @@ def _integrate_lazily(
     make_state = functools.partial(
         STATE_CLASS_BY_KIND[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape
     )
-    return trajectory_of_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
+    return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
 
 
-def _shape_of_one(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of an argument of one motion: that of one value, or of values at 1 or at all instants."""
+def _shape_for_one_motion(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape that an argument has for one motion: `value_shape`, or (1 or instant_count, *value_shape)."""
     shape = tuple(getattr(unwrap_lazy_xarray(value), "shape", ()))
     if shape == value_shape:
         return value_shape
@@ -537,7 +548,7 @@ def _integrate_chunk(first_motion_index: tuple[int, ...] | None, **arguments: An
         arguments: of `integrate`.
     """
     request = _read_request(**arguments)
-    return _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion_index)))
+    return _trajectory_arrays_by_name(_make_trajectory(request, _solve_motions(request, first_motion_index)))
 
 
 def _estimate_errors(first_motion_index: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
@@ -553,7 +564,7 @@ def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str
     Only the first instant is integrated, which takes no step.
     """
     request = _read_request(**arguments)
-    _check_motions(request, _motions_of(request))
+    _check_motions(request, _list_motions(request))
     t = request.options.t
     signals = {
         name: object_array(array.shape, [ConstantSignal(one.values_at(t[:1])[0]) for one in array.ravel()])
@@ -561,7 +572,7 @@ def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str
     }
     points = {name: array if array.ndim == 1 else array[..., :1, :] for name, array in request.points.items()}
     request = request._replace(options=request.options._replace(t=t[:1]), signals=signals, points=points)
-    arrays = _arrays_of_trajectory(_make_trajectory(request, _solve_motions(request, first_motion_index)))
+    arrays = _trajectory_arrays_by_name(_make_trajectory(request, _solve_motions(request, first_motion_index)))
     count = len(request.motions)
     steps = {"steps": arrays.pop("steps")}
     return steps | {
@@ -576,8 +587,8 @@ def _error_template(first_motion_index: None, **arguments: Any) -> dict[str, NDA
     return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}
 
 
-def _arrays_of_trajectory(trajectory: Any) -> dict[str, NDArray[Any]]:
-    """Return all arrays of a trajectory but t by name, those of its state with a prefix."""
+def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
+    """Return all arrays of a trajectory but t, by name; names of its state begin with STATE_OUTPUT_PREFIX."""
     names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
     arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
     return arrays | {STATE_OUTPUT_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
@@ -593,7 +604,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
         {"S1", "phi1", "psi"}
         | pair.values.keys()
         | argument_names
-        | {name for name, argument in _RATE_ARGUMENT_BY_INPUT.items() if argument in argument_names}
+        | {name for name, argument in _RATE_ARGUMENT_NAME_BY_PLAN_INPUT.items() if argument in argument_names}
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
@@ -604,7 +615,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(plan((name,)).inputs - available):
-            expected = f"{_R1_FORM_BY_INPUT.get(missing, 'a value')}, since output {name} needs it"
-            got = f"no {missing}" if missing in _R1_FORM_BY_INPUT else None
-            raise ArgumentError(_RATE_ARGUMENT_BY_INPUT.get(missing, "R1"), expected, got)
+            expected = f"{_EXPECTED_R1_TEXT_BY_PLAN_INPUT.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _EXPECTED_R1_TEXT_BY_PLAN_INPUT else None
+            raise ArgumentError(_RATE_ARGUMENT_NAME_BY_PLAN_INPUT.get(missing, "R1"), expected, got)
     return plan(names)

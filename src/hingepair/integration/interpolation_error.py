@@ -28,18 +28,18 @@ ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 """Rotates errors (..., n, k) of the intervals from the first to the second index to axes in which they add up."""
 
 _INTERVALS_PER_BLOCK = 65536  # intervals whose errors are computed at a time
-_BLOCK_MARGIN_SAMPLES = 12  # samples on either side of a block that its divided differences use
+_BLOCK_MARGIN_SAMPLE_COUNT = 12  # samples on either side of a block that its divided differences use
 _INTERVALS_PER_KINK_GROUP = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
-_KINK_ORDERS_AND_ERROR_BOUNDS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
+_KINK_ORDERS_AND_ERROR_FACTORS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 # Integral of the product of distances from six even samples a step apart, over the middle interval.
-_SIX_SAMPLE_PRODUCT_INTEGRAL = 191 / 84
+_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL = 191 / 84
 # Factors by which differences at a jump, a kink or a bend grow from order to order: from the one that stands out to
 # the sixth, from the fourth to the sixth, and within two intervals of an end, where fewer of them reach across.
 _KINK_GROWTH, _LAST_KINK_GROWTH, _END_KINK_GROWTH = 1.4, 1.65, 1.3
 # Power by which less growth reduces the weight of a kink; a vibration of six samples a period has growth 1.
-_KINK_GROWTH_EXPONENT = 15
+_KINK_WEIGHT_EXPONENT = 15
 # Nodes and weights on [-1, 1].
 _GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINTS // 2 + 1)
 
@@ -47,7 +47,8 @@ _GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINTS 
 def largest_interpolation_error(
     samples: SampledSignal, step_errors: tuple[NDArray[np.intp], Array], rotate_to_start: ErrorRotation
 ) -> float:
-    """Return the largest error of an integral of interpolated samples up to any instant [rad], NaN below 4 samples.
+    """Return the largest error of an integral of interpolated samples up to any instant [rad]; NaN below 4 samples.
+    The errors of the integration steps are part of the sum.
 
     Args:
         samples: the samples of the rate.
@@ -60,10 +61,10 @@ def largest_interpolation_error(
     count, width = len(samples.t), interval_step_errors.shape[1]
     values = samples.values.reshape(count, -1)
     carried_sum, worst = np.zeros(width), 0.0
-    sizes, squares = np.zeros(len(_KINK_ORDERS_AND_ERROR_BOUNDS)), np.zeros(len(_KINK_ORDERS_AND_ERROR_BOUNDS))
+    sizes, squares = np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS)), np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS))
     for first in range(0, count - 1, _INTERVALS_PER_BLOCK):
         last = min(first + _INTERVALS_PER_BLOCK, count - 1)
-        low, high = max(0, first - _BLOCK_MARGIN_SAMPLES), min(count, last + 1 + _BLOCK_MARGIN_SAMPLES)
+        low, high = max(0, first - _BLOCK_MARGIN_SAMPLE_COUNT), min(count, last + 1 + _BLOCK_MARGIN_SAMPLE_COUNT)
         missed = _interval_errors(samples.t[low:high], values[low:high])[:, first - low : last - low]
         block = slice(*np.searchsorted(intervals, (first, last)))
         missed[0, intervals[block] - first] -= interval_step_errors[block]
@@ -79,10 +80,9 @@ def largest_interpolation_error(
 
 
 def _interval_errors(t: Array, columns: Array) -> Array:
-    """Return the interpolation errors of the integral over each interval; (2 + kinds of kinks, intervals, columns).
-
-    The first row has the mean of two sixth differences, the second the larger of them, since beside a gap they may
-    cancel; the others have the errors of jumps, kinks and bends.
+    """Return the interpolation errors of the integral over each interval; shape (5, intervals, columns). The first
+    row is computed from the mean of two sixth differences, the second from the larger of them, since beside a gap
+    they may cancel. The other three are the errors of jumps, kinks and bends.
     """
     points = min(INTERPOLATION_POINTS, len(t))
     differences = [columns]
@@ -91,18 +91,21 @@ def _interval_errors(t: Array, columns: Array) -> Array:
     intervals = np.arange(len(t) - 1)
     start = np.clip(intervals - (points // 2 - 1), 0, len(t) - points)
     product = _stencil_products(t, start, points)
-    errors = np.zeros((2 + len(_KINK_ORDERS_AND_ERROR_BOUNDS), len(intervals), columns.shape[1]))
+    errors = np.zeros((2 + len(_KINK_ORDERS_AND_ERROR_FACTORS), len(intervals), columns.shape[1]))
     for row, difference in enumerate(_highest_differences(differences, start, points)):
         errors[row] = difference * product[:, None]
     if len(t) > INTERPOLATION_POINTS:
-        stencil_length = (np.abs(product) / (_SIX_SAMPLE_PRODUCT_INTEGRAL * np.diff(t))) ** (1 / INTERPOLATION_POINTS)
-        for level, (order, bound) in enumerate(_KINK_ORDERS_AND_ERROR_BOUNDS, start=2):
-            errors[level] = bound * _kink_sizes(differences, order, np.diff(t), stencil_length)
+        h = np.diff(t)
+        stencil_length = (np.abs(product) / (_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL * h)) ** (1 / INTERPOLATION_POINTS)
+        for level, (order, bound) in enumerate(_KINK_ORDERS_AND_ERROR_FACTORS, start=2):
+            errors[level] = bound * _kink_sizes(differences, order, h, stencil_length)
     return errors
 
 
 def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: int) -> Array:
-    """Return, for each interval, the integral of the product of the distances from the samples of its stencil."""
+    """Return the integral over each interval of the product of the distances from all samples of a stencil. The
+    stencil of an interval is the run of `stencil_size` samples through which its polynomial passes.
+    """
     h = np.diff(t)
     times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_NODES_AND_WEIGHTS[0])
     product = np.ones_like(times)
@@ -114,7 +117,8 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return the mean and the larger of the divided differences of each stencil with its left or right neighbour.
+    """Return two arrays: the mean and the larger of the two divided differences of each stencil and one more sample.
+    The additional sample is the neighbour on the left of the stencil, or that on the right.
 
     Where there are no more samples, the differences of lower order are extrapolated.
     """
@@ -136,9 +140,9 @@ def _highest_differences(
 
 
 def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: Array) -> Array:
-    """Return the sizes of kinks in intervals: outliers of divided differences of an order, weighted by their growth.
-
-    A jump is a kink of order 1. The sizes are multiplied by h and by the order-th power of `stencil_length` [s].
+    """Return the sizes of kinks in intervals; shape (intervals, columns). A kink shows as an outlier of the divided
+    differences of `order`, where the differences grow from order to order; less growth reduces the size. A jump is a
+    kink of order 1. The sizes are multiplied by h and by the order-th power of `stencil_length` [s].
     """
     outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_indices(order, h)]
     low = _neighbourhood_max(row_norms(outliers), 2) * stencil_length**order
@@ -153,7 +157,7 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
         observed = (high / np.where(lower > 0, lower, np.inf)) ** (1 / rise)
         required = np.full(len(h), growth)
         required[:2] = required[-2:] = _END_KINK_GROWTH
-        weight = np.minimum(weight, (observed / required) ** _KINK_GROWTH_EXPONENT)
+        weight = np.minimum(weight, (observed / required) ** _KINK_WEIGHT_EXPONENT)
     return outliers * (weight * h * stencil_length**order)[:, None]
 
 
@@ -163,7 +167,7 @@ def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
 
 
 def _subtract_local_median(rows: Array) -> Array:
-    """Return rows less the median of the five nearest rows, or unchanged where these five are spread widely."""
+    """Return a copy of rows less the median of the five nearest rows, where these five are not spread widely."""
     neighbours = list(
         np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
     )
@@ -181,5 +185,5 @@ def _median_of_five(arrays: list[Array]) -> Array:
 
 
 def _neighbourhood_max(sizes: Array, radius: int) -> Array:
-    """Return the largest of the neighbours up to a radius."""
+    """Return for each element the largest of the elements at most `radius` places away."""
     return np.asarray(sliding_window_view(np.pad(sizes, radius, mode="edge"), 2 * radius + 1).max(axis=-1))

@@ -49,7 +49,7 @@ def quaternion_unit(q: Quaternion) -> Quaternion:
 
 
 def quaternion_exp(Omega: Vector) -> Quaternion:
-    """Return the unit quaternion of a rotation vector [rad] of floats or traced values."""
+    """Return the unit quaternion (w, x, y, z) of a rotation vector Omega [rad] of floats or traced values."""
     square = 0.25 * dot(Omega, Omega)
     if square == 0:  # a float; a traced value never compares equal to 0
         return 1.0, *scale(Omega, 0.5)
@@ -85,7 +85,7 @@ def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]
 
 
 def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
-    """Return the quaternion of a Runge-Kutta step of q' = omega q / 2, from omega at start, middle, end; order 4.
+    """Return the quaternion of a Runge-Kutta step of q' = omega q / 2, from omega at start, middle and end; order 4.
 
     The step is linear in q, so it is a quaternion that multiplies q; its norm is 1 only approximately.
     """
@@ -119,14 +119,16 @@ def _two_exponential_rotation(*rates_and_length: Any) -> Quaternion:
 
 
 def _runge_kutta_rotation(*rates_and_length: Any) -> Quaternion:
-    """Return the normalised quaternion of a Runge-Kutta step; arguments are those of `runge_kutta4`."""
+    """Return the unit quaternion of a Runge-Kutta step, from omega at start, middle and end, and the step length."""
     q = runge_kutta4(*rates_and_length)
     f = 1 / square_root((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return q[0] * f, q[1] * f, q[2] * f, q[3] * f
 
 
 class StepRule(NamedTuple):
-    """One-step integration method: nodes where it takes omega and psi', their weights, and a step's rotation."""
+    """One-step integration method: name, order, nodes and weights of the rates, and the function of the rotation. The
+    function returns the quaternion of a step from omega at the nodes and the length of the step.
+    """
 
     name: str
     order: int  # the error of the integral goes as h^order
@@ -155,7 +157,9 @@ STEP_RULES: Final = {
 
 @functools.cache
 def rotation_loop(rule: StepRule) -> Loop:
-    """Return the `Loop` that computes the quaternions of steps from omega at their nodes and h (-h for body axes)."""
+    """Return the cached `Loop` that computes the quaternions of steps from omega at the nodes and the step length h.
+    For omega in body axes, h is to be negated.
+    """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
         """Return the quaternion q of one step, by name."""
@@ -167,10 +171,12 @@ def rotation_loop(rule: StepRule) -> Loop:
 
 @functools.cache
 def angle_loop(rule: StepRule) -> Loop:
-    """Return the `Loop` that integrates a rate over steps from its values at their nodes, in sums of two doubles."""
+    """Return the cached `Loop` that integrates a scalar rate over each step from its values at the nodes. The step
+    length h and the integral are sums of two doubles.
+    """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the integral of the rate over one step as a sum of two doubles, by name."""
+        """Return the integral of the rate over one step, as {"sum": two doubles}, from its values at the nodes."""
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(pair_sum, weighted)
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total

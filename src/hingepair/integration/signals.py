@@ -26,9 +26,10 @@ from hingepair.numeric.arrays import real_array
 INTERPOLATION_POINTS: Final = 6
 """Samples that an interpolating polynomial goes through; its degree is one less."""
 
-_R1_TUPLE_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
+_R1_TUPLE_PART_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
 
-_MAX_SLICED_RUNS = 8  # runs of consecutive steps interpolated as slices, by a kernel call each; more share one call
+# Runs of consecutive steps interpolated as slices, by a kernel call each; more share one call.
+_MAX_RUNS_INTERPOLATED_AS_SLICES = 8
 
 
 class ConstantSignal:
@@ -62,7 +63,8 @@ class CallableSignal:
         self.value_shape = value_shape
 
     def values_at(self, times: Array) -> Array:
-        """Return the callable's values at times of any shape; the callable gets the times as an array (n,).
+        """Return the callable's values at times of any shape; the callable gets the times as an array (n,). Raise an
+        error if the values are not finite or not one for each time.
 
         Raises:
             ShapeError, DtypeError: the callable does not return one value for each time.
@@ -105,7 +107,9 @@ class SampledSignal:
         return self.values
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return interpolated values at the nodes of steps, each between two samples; shape (steps, nodes, ...)."""
+        """Return interpolated values at the nodes of steps; shape (steps, nodes, ...). No step may extend beyond the
+        two samples around its start. `nodes` are fractions of the step lengths h.
+        """
         count = min(INTERPOLATION_POINTS, len(self.t))
         first = int(np.searchsorted(self.t, start[0]))
         if np.array_equal(self.t[first : first + len(start)], start):
@@ -127,9 +131,11 @@ class SampledSignal:
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield slices of steps with consecutive first samples, and rows of these; all steps at once if runs are many."""
+    """Yield pairs: a slice of steps whose first samples are consecutive, and the slice of these first samples. If
+    there are many such runs, yield one pair: the slice of all steps, and the array of their first samples.
+    """
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
-    if len(stops) > _MAX_SLICED_RUNS:
+    if len(stops) > _MAX_RUNS_INTERPOLATED_AS_SLICES:
         yield slice(None), first_samples
     else:
         for first, stop in itertools.pairwise((0, *stops.tolist())):
@@ -142,7 +148,8 @@ Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 def read_signals(
     name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution
 ) -> NDArray[np.object_]:
-    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one.
+    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one. Raise
+    an error if the rate is of another kind or shape.
 
     A rate is a callable of t, a value of shape `value_shape`, or samples at the instants t. The rate of many motions
     is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each motion is constant.
@@ -210,7 +217,7 @@ def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ..
 
 
 def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return times (n,), with the last one repeated if n is the number of components of a vector value.
+    """Return times (n,), with the last one repeated if `value_shape` is (n,) too, so that values (n, n) cannot occur.
 
     For n = 3 times, an array of vectors by rows, (n, 3), cannot be distinguished from one by columns, (3, n).
     """
@@ -218,7 +225,8 @@ def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
 
 
 def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Return the result of a user's function for times (n,), which it gets as a copy that it may change.
+    """Return the result of a user's function for times (n,), which it gets as a copy that it may change. Raise an
+    ArgumentError if the function fails with a TypeError or a ValueError.
 
     Raises:
         ArgumentError: the callable fails as one for a single number does; names it.
@@ -235,7 +243,8 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 
 
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return R1 and, where they are known, v1 and a1, by name; shape (dimension,), (..., 1 or N, dimension).
+    """Return a dict of R1 and, where they are known, v1 and a1; shape (dimension,) or (..., 1 or N, dimension). Raise
+    an error if R1 is of another kind or shape. A point at rest has zeros as v1 and a1.
 
     R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
     N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
@@ -246,14 +255,14 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
     name, times = "R1", t
     if callable(R1):
         times = np.append(
-            t, [t[-1]] * (len(_R1_TUPLE_NAMES) + 1 - len(t))
+            t, [t[-1]] * (len(_R1_TUPLE_PART_NAMES) + 1 - len(t))
         )  # more instants than a tuple has parts or a point has coordinates
         name, R1 = "R1(t)", call_with_times("R1", R1, times)
-    if isinstance(R1, tuple) and len(R1) <= len(_R1_TUPLE_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
+    if isinstance(R1, tuple) and len(R1) <= len(_R1_TUPLE_PART_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
         if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
             expected = f"an array of shape {(len(t), dimension)}, or (R1, v1) with R1 of that shape"
             raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
-        names = _R1_TUPLE_NAMES[: len(R1)]
+        names = _R1_TUPLE_PART_NAMES[: len(R1)]
         return {part: _read_points(f"{name}[{i}]", R1[i], t, times, dimension) for i, part in enumerate(names)}
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
@@ -264,9 +273,9 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
 
 
 def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
-    """Return points as an array, (dimension,), (..., 1, dimension) or (..., N, dimension).
-
-    `times` begins with the N instants t. A point at rest has the first or the second shape.
+    """Return points as an array, (dimension,), (..., 1, dimension) or (..., N, dimension); raise a ShapeError if not.
+    `times` begins with the N instants t, and points may be given at each of these times. A point at rest has the
+    first or the second shape.
     """
     points = real_array(name, value)
     if points.shape[-1:] != (dimension,) or _split_shape(points.shape, (dimension,))[1] not in {1, len(times)}:
@@ -283,10 +292,14 @@ def _first_not_finite(values: Array) -> int:
 
 @functools.cache
 def interpolation_loop(sample_count: int, node_count: int, column_count: int) -> Loop:
-    """Return the `Loop` that evaluates, at the nodes of steps, Lagrange polynomials through samples of columns."""
+    """Return the cached `Loop` that evaluates interpolating polynomials at the nodes of steps. The polynomials of
+    each step go through `sample_count` samples of `column_count` columns.
+    """
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the values at the nodes of one step; offsets are the distances of the nodes from its start."""
+        """Return the interpolated values at the nodes of one step as {"values": ...}. `v` holds times x and values of
+        the samples, and offsets of the nodes, all times from the start of the step.
+        """
         x = v["x"]
         samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]
         scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]

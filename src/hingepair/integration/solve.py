@@ -17,7 +17,7 @@ from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Int
 from hingepair.integration.methods import STEP_RULES, quaternion_product
 from hingepair.integration.signals import SampledSignal, Signal
 from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
-from hingepair.integration.step_selection import MAX_STEPS, SelectedSteps, select_steps
+from hingepair.integration.step_selection import STEP_BUDGET, SelectedSteps, select_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
@@ -31,9 +31,9 @@ METHOD_NAMES: Final = (*STEP_RULES, "euler_angles", "dop853")
 MAX_SCIPY_EVALUATIONS: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
-_REFERENCE_RULE = STEP_RULES["magnus6"]  # that other methods are compared with
+_REFERENCE_STEP_RULE = STEP_RULES["magnus6"]  # that other methods are compared with
 _REFERENCE_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
-_MAX_GIMBAL_LOCK_STEPS = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
+_MAX_STEPS_NEAR_GIMBAL_LOCK = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
 _DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
@@ -50,7 +50,7 @@ class SolveOptions(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Attitudes or angles of body 1 and hinge angles at the instants, with estimates of their errors [rad]."""
+    """Attitudes or angles of body 1, hinge angles, number of steps, and lazy estimates of the errors [rad]."""
 
     orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
     psi: Array  # hinge angles [rad]; shape (N,)
@@ -64,7 +64,7 @@ class Solution(NamedTuple):
         return float(np.maximum(self.error(), self.psi_error()))
 
     def check_tolerance(self, options: SolveOptions) -> None:
-        """Check that the error estimates are not above the tolerance of the options.
+        """Raise an ArgumentError if an error estimate is above the tolerance of the options, or NaN.
 
         Raises:
             ArgumentError: the tolerance was not reached; names the error of each rate.
@@ -80,7 +80,7 @@ class Solution(NamedTuple):
 
 
 class _IntegratedValues(NamedTuple):
-    """Quaternions or angles at the instants, with the number of steps and an estimate of their error."""
+    """Quaternions or angles at the instants, with the number of steps and a lazy estimate of the error [rad]."""
 
     values: Array  # quaternions (N, 4) or angles (N,)
     steps: int  # number of steps
@@ -134,7 +134,9 @@ def solve(
         raise ArgumentError("tol", "a positive number", options.tol)
     is_planar = np.ndim(start) == 0
     check_choice("method", options.method, tuple(STEP_RULES) if is_planar else METHOD_NAMES)
-    rule = {"euler_angles": STEP_RULES["rk4_quaternion"], "dop853": _REFERENCE_RULE, **STEP_RULES}[options.method]
+    rule = {"euler_angles": STEP_RULES["rk4_quaternion"], "dop853": _REFERENCE_STEP_RULE, **STEP_RULES}[
+        options.method
+    ]
     attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.omega_in_body_axes)
     hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution)
     if options.method in STEP_RULES:
@@ -147,7 +149,7 @@ def solve(
             orientation = _integrate(body1_angle, None, selected, integrated[0])
     else:
         solve_orientation = _solve_by_euler_angles if options.method == "euler_angles" else _solve_by_scipy
-        orientation = solve_orientation(options, replace(attitude, rule=_REFERENCE_RULE), np.asarray(start))
+        orientation = solve_orientation(options, replace(attitude, rule=_REFERENCE_STEP_RULE), np.asarray(start))
         tol = _DEFAULT_SCIPY_TOLERANCE if options.tol is None and options.method == "dop853" else options.tol
         selected = select_steps((hinge,), options.t, tol)
     hinge_angle = _integrate(hinge, psi_0, selected, None if integrated is None else integrated[1])
@@ -185,7 +187,8 @@ def _integrate(
 
 
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Return quaternions by Euler angles; halve all steps until the error is below the tolerance or stagnates.
+    """Integrate Euler angles, and return the attitudes as quaternions; raise a GimbalLockError near gimbal lock. With
+    a tolerance all steps are halved until the error is below it or stagnates.
 
     Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
     gimbal lock from a fast turn.
@@ -201,7 +204,9 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
                 omega_in_body_axes=options.omega_in_body_axes,
             )
         except GimbalLockError:
-            if options.tol is None or 2 * steps.step_count > max(_MAX_GIMBAL_LOCK_STEPS, 4 * (len(options.t) - 1)):
+            if options.tol is None or 2 * steps.step_count > max(
+                _MAX_STEPS_NEAR_GIMBAL_LOCK, 4 * (len(options.t) - 1)
+            ):
                 raise
         else:
             result = _with_reference_error(
@@ -212,14 +217,16 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
                 steps.step_count,
             )
             stagnates = isinstance(attitude.rate, SampledSignal) and not result.error() < 0.9 * last_error
-            if options.tol is None or not result.error() > options.tol or steps.step_count > MAX_STEPS or stagnates:
+            if options.tol is None or not result.error() > options.tol or steps.step_count > STEP_BUDGET or stagnates:
                 return result
             last_error = result.error()
         steps = steps.refine(steps.t[:-1] + 0.5 * np.diff(steps.t))
 
 
 def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Return quaternions by SciPy's DOP853 of q' = omega q / 2 (in body axes q omega / 2), from time 0 at t[0]."""
+    """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853, and return the unit quaternions. Raise
+    an error if SciPy is missing, or its solver gives up or takes too many evaluations.
+    """
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
@@ -228,7 +235,7 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
-        """Return q' at a time since the first instant [s]."""
+        """Return q' at a time since the first instant [s]; raise an ArgumentError after too many evaluations."""
         nonlocal evaluations
         evaluations += 1
         if evaluations > MAX_SCIPY_EVALUATIONS:
@@ -252,7 +259,7 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
 def _with_reference_error(
     attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, step_count: int
 ) -> _IntegratedValues:
-    """Return quaternions (N, 4) with an error estimate: their largest angle from a solution of small tolerance."""
+    """Return quaternions (N, 4) with a lazy error estimate: the largest angle from a solution of small tolerance."""
 
     def error() -> float:
         """Return the largest angle from the reference solution plus that solution's error [rad]."""

@@ -20,14 +20,14 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
-_SAMPLES_PER_WINDOW: Final = 11
+_SAMPLES_PER_ROUGHNESS_WINDOW: Final = 11
 """Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
 
-_MAX_ROUGHNESS_WINDOWS = 2048  # windows of samples that are measured, spread over the time
+_MAX_ROUGHNESS_WINDOW_COUNT = 2048  # windows of samples that are measured, spread over the time
 _MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
 # Times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident.
-_MIN_GRID_TO_DOUBLE_RATIO = 8.0
-_GRID_ROUNDING_STD = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
+_MIN_GRID_TO_DOUBLE_SPACING_RATIO = 8.0
+_GRID_ROUNDING_STD_IN_SPACINGS = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
 _ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
     0.8,
     1.642,
@@ -36,7 +36,7 @@ _MIN_ROUGHNESS_TO_NOISE_RATIO = 4.0  # times the roughness by the rounding of va
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
-    """Return the standard deviations of samples' time stamps from the true instants [s]; shape (N,).
+    """Return an estimate of the standard deviations of time stamps from the true instants [s]; shape (N,).
 
     They are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
     roughness of the values relative to what this rounding would cause; of the grid where they are largest, and of the
@@ -46,16 +46,16 @@ def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
         signals: samples at the same instants.
     """
     t = signals[0].t
-    if len(t) <= _SAMPLES_PER_WINDOW:
-        return _GRID_ROUNDING_STD * np.spacing(np.abs(t))
+    if len(t) <= _SAMPLES_PER_ROUGHNESS_WINDOW:
+        return _GRID_ROUNDING_STD_IN_SPACINGS * np.spacing(np.abs(t))
     deviations = np.zeros(len(t))
     for grid in stamp_grids(t):
         parts = [
             part
-            for part in (_relative_roughness(signal, _GRID_ROUNDING_STD * grid) for signal in signals)
+            for part in (_relative_roughness(signal, _GRID_ROUNDING_STD_IN_SPACINGS * grid) for signal in signals)
             if part is not None
         ]
-        deviations = np.maximum(deviations, min(parts, default=0.0) * _GRID_ROUNDING_STD * grid)
+        deviations = np.maximum(deviations, min(parts, default=0.0) * _GRID_ROUNDING_STD_IN_SPACINGS * grid)
     return deviations
 
 
@@ -71,7 +71,8 @@ def stamp_error(samples: SampledSignal, deviations: Array) -> float:
 
 
 def stamp_grids(t: Array) -> list[Array]:
-    """Return the grids that all time stamps lie on (double, single, decimal), each as its spacings at the stamps [s].
+    """Return a list of the grids that all time stamps lie on, each as the spacing of the grid at each stamp [s]. The
+    grid of doubles is always the first one; those of single floats and of decimals follow if they fit.
 
     >>> [float(grid[0]) for grid in stamp_grids(np.array([0.013, 0.031]))]
     [1.734723475976807e-18, 0.001]
@@ -85,7 +86,7 @@ def stamp_grids(t: Array) -> list[Array]:
         grids.append(np.spacing(singles).astype(np.float64))
     for unit in 10.0 ** np.arange(_MAX_STAMP_DECIMALS + 1):
         if (
-            1 / unit > _MIN_GRID_TO_DOUBLE_RATIO * doubles.max()
+            1 / unit > _MIN_GRID_TO_DOUBLE_SPACING_RATIO * doubles.max()
             and (np.abs(np.round(size * unit) / unit - size) <= doubles).all()
         ):
             grids.append(np.full(len(t), 1 / unit))
@@ -94,17 +95,21 @@ def stamp_grids(t: Array) -> list[Array]:
 
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
-    """Return the roughness of values over that which deviations of stamps would cause; None if not measurable."""
+    """Return the ratio, at most 1, of the roughness of values to that which deviations of stamps [s] would cause.
+    Return None where it cannot be measured, as at even stamps.
+    """
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
-    window_starts = np.unique(np.linspace(0, len(t) - _SAMPLES_PER_WINDOW, _MAX_ROUGHNESS_WINDOWS).astype(np.intp))
-    windows = window_starts[:, None] + np.arange(_SAMPLES_PER_WINDOW)
+    window_starts = np.unique(
+        np.linspace(0, len(t) - _SAMPLES_PER_ROUGHNESS_WINDOW, _MAX_ROUGHNESS_WINDOW_COUNT).astype(np.intp)
+    )
+    windows = window_starts[:, None] + np.arange(_SAMPLES_PER_ROUGHNESS_WINDOW)
     steps = np.diff(t[windows], axis=1)
     uneven = np.ptp(steps, axis=1) > deviations[windows].max(axis=1)
     if not uneven.any():
         return None
     windows = windows[uneven]
     x = (t[windows] - t[windows[:, :1]]) / (t[windows[:, -1:]] - t[windows[:, :1]])
-    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_SAMPLES_PER_WINDOW)).prod(axis=2)
+    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_SAMPLES_PER_ROUGHNESS_WINDOW)).prod(axis=2)
     roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
     stamp_noise = row_norms(slopes) * deviations

@@ -34,33 +34,38 @@ from hingepair.integration.integrals import Integral
 from hingepair.integration.stepping import Steps, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 
-MAX_STEPS: Final = 2_000_000
-"""Largest number of steps for any tolerance; where it is too small, the estimate of the error says so."""
+STEP_BUDGET: Final = 2_000_000
+"""Number of steps up to which steps are divided for a tolerance; more errors remain in the error estimate."""
 
-MIN_INITIAL_STEPS: Final = 16
+MIN_INITIAL_EVEN_STEPS: Final = 16
 """Even steps over the whole time that the selection begins with."""
 
-_MIN_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are left
+_MIN_ANGLE_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are left
 # Of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors.
-_ACCEPTED_SIZE_SUM_SHARE = 0.4
-_TARGET_SHARE, _ACCEPTED_SHARE = 0.6, 0.8  # of the tolerance: sum of errors that is aimed at, and that is accepted
-_TARGET_BISECTION_COUNT = (
-    8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
-)
-_MAX_VECTOR_SUM_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
-_MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
+_ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE = 0.4
+_TARGET_ERROR_TO_TOLERANCE, _ACCEPTED_ERROR_TO_TOLERANCE = (
+    0.6,
+    0.8,
+)  # of the tolerance: sum of errors that is aimed at, and that is accepted
+# Bisections (geometric) of the range of the sum of sizes that gives the target sum of errors.
+_ERROR_TARGET_BISECTION_COUNT = 8
+_MAX_ERROR_SUMMED_AS_VECTORS = 1.0  # rad: below this sum, errors can be added up as vectors
+# Of the sum of errors: if regular pieces have less, only irregular ones are divided.
+_MIN_REGULAR_SHARE_OF_ERROR_SUM = 0.1
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
-_MAX_PARTS_OF_PIECE = 16  # of a piece in one round
-_MAX_PARTS_OF_IRREGULAR_PIECE = 4  # of a piece in one round where errors do not fall by the rule's order
+_MAX_PARTS_PER_PIECE_AND_ROUND = 16  # of a piece in one round
+_MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND = 4  # of a piece in one round where errors do not fall by the rule's order
 _MAX_NOISE_ERROR_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
-_STAGNATION_ROUNDS = 5  # rounds without progress after which a small sum of errors counts as noise
+_STAGNATION_ROUND_COUNT = 5  # rounds without progress after which a small sum of errors counts as noise
 # By which an irregular error may be too small, since two quadratures agree by chance.
 _IRREGULAR_ERROR_SAFETY_FACTOR = 10.0
-_MAX_ERROR_SIZE = 1e30  # rad: larger errors, and infinite ones, count as this
+_ERROR_SIZE_CAP = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
 class SelectedSteps(NamedTuple):
-    """Selected integration steps, and for each integral the errors that were measured on a sample of them."""
+    """Selected integration steps, and by integral a sample of the steps and the errors measured on it. There are no
+    measured errors if steps were not selected by a tolerance.
+    """
 
     steps: Steps
     # By integral; empty if none were measured.
@@ -79,7 +84,7 @@ class _Pieces(NamedTuple):
     errors: tuple[StepErrors, ...]  # by integral
 
     def select(self, chosen: NDArray[Any]) -> _Pieces:
-        """Return some of the pieces, chosen by indices or a mask."""
+        """Return a copy of some of the pieces, chosen by indices or a mask."""
         interval, start, stop, sizes, refined, regular = (column[chosen] for column in self[:-1])
         return _Pieces(
             interval, start, stop, sizes, refined, regular, tuple(errors.select(chosen) for errors in self.errors)
@@ -87,7 +92,7 @@ class _Pieces(NamedTuple):
 
 
 def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
-    """Return the pieces of two groups in the order of time."""
+    """Return the pieces of two groups as one group in the order of time."""
     columns = zip(first[:-1], second[:-1], strict=True)
     interval, start, stop, sizes, refined, regular = (np.concatenate(pair) for pair in columns)
     errors = tuple(concatenate_errors(pair) for pair in zip(first.errors, second.errors, strict=True))
@@ -96,7 +101,8 @@ def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
 
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
-    """Return steps that keep the errors of integrals, except those of interpolation, below a tolerance.
+    """Return steps that keep the errors of integrals below a tolerance, as far as STEP_BUDGET allows. Errors of
+    interpolation between samples do not count. Without a tolerance each interval is one step.
 
     Args:
         integrals: the integrals, all by one rule.
@@ -106,23 +112,23 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     inexact = [integral for integral in integrals if not integral.is_exact]
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
-    duration, tol = t[-1] - t[0], max(tol, _MIN_TOLERANCE)
+    duration, tol = t[-1] - t[0], max(tol, _MIN_ANGLE_TOLERANCE)
     measured = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
     weights = measured.error_weights(0)  # ratios of times: errors of pieces are proportional to time
     start, stop = measured.ends
     intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
-    counts = count_even_steps(stop - start, duration, MIN_INITIAL_STEPS)
+    counts = count_even_steps(stop - start, duration, MIN_INITIAL_EVEN_STEPS)
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
     totals, piece_counts = list[float](), list[int]()
     while len(totals) < _MAX_DIVISION_ROUNDS:
         piece_weights = weights[pieces.interval]
         totals.append(float((_cautious_sizes(pieces) * piece_weights).sum()))
         piece_counts.append(len(pieces.start))
-        recent_totals = totals[-_STAGNATION_ROUNDS:]
-        stagnates = len(recent_totals) == _STAGNATION_ROUNDS and max(recent_totals) < min(
+        recent_totals = totals[-_STAGNATION_ROUND_COUNT:]
+        stagnates = len(recent_totals) == _STAGNATION_ROUND_COUNT and max(recent_totals) < min(
             2 * min(recent_totals), _MAX_NOISE_ERROR_SUM
         )
-        if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUNDS]:
+        if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUND_COUNT]:
             break
         counts = _next_part_counts(inexact, measured, pieces, piece_weights, tol)
         divide = counts > 1
@@ -136,35 +142,41 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
 def _next_part_counts(
     integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
 ) -> NDArray[np.int64]:
-    """Return the number of parts into which each piece is divided next; all 1 if errors are small enough."""
-    order, sizes, target = integrals[0].rule.order, _cautious_sizes(pieces), _ACCEPTED_SIZE_SUM_SHARE * tol
+    """Return the number of parts into which each piece is divided next; all 1 if errors are small enough.
+    `piece_weights` are the numbers of pieces for which each piece stands.
+    """
+    order, sizes, target = (
+        integrals[0].rule.order,
+        _cautious_sizes(pieces),
+        _ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE * tol,
+    )
     regular_sizes = np.where(pieces.is_regular, sizes, 0.0)
     total, regular = (float((part * piece_weights).sum()) for part in (sizes, regular_sizes))
     if not total > target:
         return np.ones(len(sizes), np.int64)
-    max_counts = np.where(pieces.is_regular, _MAX_PARTS_OF_PIECE, _MAX_PARTS_OF_IRREGULAR_PIECE)
+    max_counts = np.where(pieces.is_regular, _MAX_PARTS_PER_PIECE_AND_ROUND, _MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND)
     counts, _ = _part_counts(sizes, piece_weights, max_counts, target, order)
     is_irregular = pieces.is_refined & ~pieces.is_regular
     if (
-        0 < regular < _MIN_REGULAR_ERROR_SHARE * total
+        0 < regular < _MIN_REGULAR_SHARE_OF_ERROR_SUM * total
     ):  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
-    elif total < _MAX_VECTOR_SUM_ERROR:
+    elif total < _MAX_ERROR_SUMMED_AS_VECTORS:
         accumulated = _PieceErrors(integrals, measured, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
-        if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_SHARE * allowed:
+        if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_ERROR_TO_TOLERANCE * allowed:
             return np.ones(len(sizes), np.int64)
-        for _ in range(_TARGET_BISECTION_COUNT):
+        for _ in range(_ERROR_TARGET_BISECTION_COUNT):
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
             if (
                 accumulated.largest_sum(np.where(unlimited > max_counts, unlimited, candidate))
-                <= _TARGET_SHARE * allowed
+                <= _TARGET_ERROR_TO_TOLERANCE * allowed
             ):
                 target, counts = goal, candidate
             else:
                 total = goal
-    return np.where((counts > 1) & is_irregular, _MAX_PARTS_OF_IRREGULAR_PIECE, counts)
+    return np.where((counts > 1) & is_irregular, _MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND, counts)
 
 
 def _divide_pieces(
@@ -173,18 +185,22 @@ def _divide_pieces(
     counts: NDArray[np.int64],
     duration: float,
 ) -> _Pieces:
-    """Return the parts of pieces (interval, start, stop, sizes), divided into `counts` each, with measured errors."""
+    """Divide pieces into `counts` equal parts each, and return the parts with their errors, measured here. `pieces`
+    are arrays of intervals, starts, stops and error sizes, the first fields of `_Pieces`.
+    """
     (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
     errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
-    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), _MAX_ERROR_SIZE)
+    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), _ERROR_SIZE_CAP)
     expected = np.repeat(old_sizes / counts.astype(float) ** order, counts)
     columns = np.repeat(interval, counts), steps.start, steps.stop, sizes
     return _Pieces(*columns, ~np.isnan(expected), sizes <= expected, errors)
 
 
 def _cautious_sizes(pieces: _Pieces) -> Array:
-    """Return sizes of errors, enlarged where they may be small by chance; 0 where no step can be shorter."""
+    """Return the error sizes of pieces, enlarged where they may be small by chance; 0 for a piece too short to
+    divide.
+    """
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
     return np.where(
         divisible, np.where(pieces.is_regular, pieces.sizes, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes), 0.0
@@ -206,16 +222,18 @@ class _PieceErrors:
         )
 
     def largest_sum(self, counts: Array) -> float:
-        """Return the largest sum of errors up to any instant [rad] if pieces are divided into `counts` parts each."""
+        """Return the expected largest sum of errors up to any instant [rad] of pieces divided into `counts` parts
+        each.
+        """
         factors = counts**-self.order
         chance = math.sqrt(float(((self.uncertain * factors) ** 2).sum()))
         return max(chance, *(errors.largest_sum(factors) for errors in self.by_integral))
 
 
 def _assemble_steps(integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces) -> SelectedSteps:
-    """Return the steps that pieces and intervals without measurement become, with the errors [rad] of pieces.
-
-    Pieces become steps; intervals that were not measured are divided like their neighbours.
+    """Return the selected steps: each piece is one step, and intervals that were not measured are divided too. Such
+    an interval gets steps no longer than the longest piece of its part. The errors of the pieces are returned as the
+    errors of a sample of the steps.
     """
     t, count = measured.t, len(measured.t) - 1
     steps = Steps(t)
@@ -236,7 +254,8 @@ def _assemble_steps(integrals: Sequence[Integral], measured: StepSample, pieces:
 def _part_counts(
     sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return the numbers of parts of pieces for a given sum of error sizes: within limits, and without them.
+    """Return into how many parts pieces must be divided for a given sum of error sizes, as two arrays. The first
+    holds integers within `max_counts` and STEP_BUDGET; the second is without limits and not rounded.
 
     Args:
         sizes: sizes of the errors of pieces [rad].
@@ -246,18 +265,18 @@ def _part_counts(
         order: power of the length of steps by which errors fall.
 
     Returns:
-        The numbers of parts, within `max_counts` and for MAX_STEPS in all; and the numbers without these limits, not
-        rounded.
+        The numbers of parts, within `max_counts` and for STEP_BUDGET in all; and the numbers without these limits,
+        not rounded.
     """
     shares = sizes ** (1 / (order + 1))
     unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares
     limited = np.clip(unlimited, 1, max_counts)
-    limited = np.maximum(limited * min(1.0, MAX_STEPS / (limited * weights).sum()), 1)
+    limited = np.maximum(limited * min(1.0, STEP_BUDGET / (limited * weights).sum()), 1)
     counts = np.floor(limited)
     gain = sizes * (counts**-order - (counts + 1) ** -order)
     by_gain = np.argsort(-gain)
     reached = np.cumsum((gain * weights)[by_gain]) > (sizes * counts**-order * weights).sum() - target_sum
-    within_limit = np.cumsum(weights[by_gain]) <= MAX_STEPS - (counts * weights).sum()
+    within_limit = np.cumsum(weights[by_gain]) <= STEP_BUDGET - (counts * weights).sum()
     one_more = np.append(True, ~reached[:-1]) & within_limit & (limited > counts)[by_gain]
     counts[by_gain[one_more]] += 1
     return counts.astype(np.int64), unlimited

@@ -55,7 +55,9 @@ class Steps(NamedTuple):
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
     def chunks(self) -> Iterator[tuple[int, int]]:
-        """Return an iterator over ranges (first, last) of at most STEPS_PER_CHUNK consecutive steps."""
+        """Return an iterator over pairs (first, last) of step indices: chunks of at most STEPS_PER_CHUNK steps. The
+        step with index `last` is not in the chunk.
+        """
         return (
             (first, min(first + STEPS_PER_CHUNK, self.step_count))
             for first in range(0, self.step_count, STEPS_PER_CHUNK)
@@ -67,7 +69,7 @@ class Steps(NamedTuple):
 
 
 class Subdivision(NamedTuple):
-    """Intervals that are divided into equal steps each."""
+    """Intervals that are divided into equal steps each: number of steps by interval, start and stop of each step."""
 
     counts: NDArray[np.int64]  # steps of each interval
     start: Array  # of each step
@@ -85,7 +87,9 @@ class Subdivision(NamedTuple):
 
 
 def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivision:
-    """Return intervals divided into `counts` equal steps each; the end of a step is exactly the next one's start."""
+    """Return the `Subdivision` of intervals into `counts` equal steps each. Within an interval, the end of a step is
+    exactly the start of the next one.
+    """
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
     begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
@@ -95,7 +99,7 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan in place: all products of the first k elements, under any associative operation.
+    """Prefix scan: computes the products of the first k elements for all k, under any associative operation.
 
     Args:
         name: of the operation, for the names of kernels.
@@ -141,11 +145,13 @@ class PrefixScan:
         execution: Execution,
         motions: tuple[int, ...] = (),
     ) -> Array:
-        """Return the prefix products of a start and the steps' elements that `write_elements` writes; (steps + 1, k).
+        """Return the products of a start element and the elements of the first k steps, for all k, of one or of many
+        motions; (*motions, steps + 1, width). `write_elements` writes the elements of steps with given starts and
+        lengths (as two doubles) into rows.
 
-        `write_elements` takes starts, lengths (as two doubles) and the rows that it writes. Products of
-        chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many motions rows
-        are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the motions.
+        Products of chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many
+        motions rows are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the
+        motions.
         """
         rows = np.empty((*motions, 1 + _padded_length(steps.step_count), len(start)))
         rows[..., 0, :], rows[..., 1 + steps.step_count :, :] = np.stack(start, axis=-1), self.neutral
@@ -162,13 +168,17 @@ class PrefixScan:
         return rows[..., : steps.step_count + 1, :]
 
     def padded_buffer(self, count: int, motions: tuple[int, ...] = ()) -> Array:
-        """Return a buffer of rows for `count` elements, not filled but for neutral ones that complete groups."""
+        """Return a new buffer of rows for `count` elements of each motion; only the additional rows, which complete
+        groups, are filled, with the neutral element.
+        """
         rows = np.empty((*motions, _padded_length(count), len(self.neutral)))
         rows[..., count:, :] = self.neutral
         return rows
 
     def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
-        """Replace rows of a `padded_buffer` by their prefix products from a start; return the product without it."""
+        """Replace rows of a `padded_buffer` by their prefix products from a start element. Return the product of all
+        rows without the start.
+        """
         motions, count = rows.shape[:-2], rows.shape[-2]
         if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
             # Of one motion the components are floats, which are faster than arrays of one element.
@@ -190,7 +200,7 @@ class PrefixScan:
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Combine elements in place with the prefix products before them, by a loop."""
+        """Run a loop that replaces `elements` by their products with `prefixes`, the products before them."""
         loop.run(
             {"element": elements, "prefix": prefixes},
             {"element": elements},

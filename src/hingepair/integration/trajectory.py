@@ -135,17 +135,20 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the lazy arrays by name, and the function that makes a trajectory from computed ones."""
+        """Return a dict of the Dask arrays, and the function that makes a trajectory from such a dict, computed or
+        not.
+        """
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         state = values.pop("state")
         lazy = {name: value for name, value in values.items() if holds_dask(value)}
         others = {name: value for name, value in values.items() if name not in lazy}
         outputs, make_state = state._dask_parts()
         lazy |= {STATE_OUTPUT_PREFIX + name: array for name, array in outputs.items()}
-        return lazy, functools.partial(trajectory_of_arrays, type(self), others, make_state)
+        return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...).
+        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...). Raise
+        an ArgumentError for many motions or Dask arrays.
 
         Raises:
             ArgumentError: these are many motions, or their arrays are Dask arrays.
@@ -158,7 +161,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return the names of the leading axes, of motions and of time, and the outputs by name."""
+        """Return the names of the leading axes, and all outputs by name. The axes are those of the motions, if there
+        are many, and "time".
+        """
         count = len(self.motions)
         if not count and not holds_dask(self.psi):
             return ("time",), self.recorded()
@@ -172,14 +177,15 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def error_estimate(self) -> Any:
-        """Error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding included.
+        """Estimated error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding
+        included. The estimate is computed at the first access.
 
         Of many motions it is an array with a number for each, shape (...,). Of Dask arrays it is a lazy array, whose
         tasks integrate the motions again.
 
-        `psi_error_estimate` is the error of psi. The estimate is computed at the first access. It is within a few per
-        cent of the error where the rates are smooth and rounding is small; where a callable jumps or bends within a
-        step, chance makes the estimate a third of the error at worst, or ten times as large.
+        `psi_error_estimate` is the error of psi. The estimate is within a few per cent of the error where the rates
+        are smooth and rounding is small; where a callable jumps or bends within a step, chance makes the estimate a
+        third of the error at worst, or ten times as large.
 
         For a callable the errors of steps are measured by steps of half the length or less, and by how its values at
         the nodes and beside the instants may hide a jump or a kink between two of them. All steps are measured, or,
@@ -250,7 +256,7 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation of body 1, body to world; shape (..., N, 3, 3)."""
+        """Rotation of body 1, body to world, computed from quaternions if not among the outputs; (..., N, 3, 3)."""
         S1 = self.state.S1
         if S1 is not None:
             return S1
@@ -259,7 +265,8 @@ class Trajectory(_TrajectoryBase):
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Return the Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
+        """Return the Euler angles of body 1 or 2 [rad], continuous in time, through gimbal lock too; (..., N, 3).
+        Raise an ArgumentError for body 2 without S2 among the outputs, and for Dask arrays.
 
         Two triples of angles, and their sums with whole turns, give the same attitude; each instant has the triple
         nearest to that of the instant before. Angles must change by less than half a turn between instants.
@@ -305,22 +312,24 @@ class PlanarTrajectory(_TrajectoryBase):
 STATE_OUTPUT_PREFIX: Final = "state."
 """Prefix of the names of a state's outputs among the arrays of a trajectory."""
 
-_ERROR_FIELD_NAMES = {"_error", "_psi_error"}  # names of the fields that hold errors
+_ERROR_ESTIMATE_FIELD_NAMES = {"_error", "_psi_error"}  # names of the fields that hold errors
 
 
-def trajectory_of_arrays(
+def trajectory_from_arrays(
     trajectory_class: type[_TrajectoryBase],
-    values: Mapping[str, Any],
-    make_state: Callable[[Mapping[str, Any]], Any],
+    other_values: Mapping[str, Any],
+    state_function: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory of a class from its arrays, NumPy or Dask, and its other attributes, by name.
+    """Return a trajectory of the given class from its arrays, NumPy or Dask, and its other fields, by name.
+    `state_function` makes the state from its outputs. NumPy arrays are set read-only, and of error estimates they are
+    wrapped as lazy values.
 
     Args:
         trajectory_class: class of the trajectory.
-        values: its attributes that are no such arrays, by name.
-        make_state: function of the outputs by name that returns the state.
-        arrays: the arrays of the attributes by name; of the outputs of the state the names have STATE_OUTPUT_PREFIX.
+        other_values: values of the fields that are no such arrays, by name.
+        state_function: function of the outputs by name that returns the state.
+        arrays: arrays of the fields by name; the names of the outputs of the state begin with STATE_OUTPUT_PREFIX.
     """
     outputs = {
         name.removeprefix(STATE_OUTPUT_PREFIX): a
@@ -331,15 +340,15 @@ def trajectory_of_arrays(
     if not holds_dask(field_arrays):
         errors = {
             name: _computed_errors(np.asarray(field_arrays.pop(name)))
-            for name in field_arrays.keys() & _ERROR_FIELD_NAMES
+            for name in field_arrays.keys() & _ERROR_ESTIMATE_FIELD_NAMES
         }
         field_arrays = {name: read_only(np.asarray(array)) for name, array in field_arrays.items()} | errors
         field_arrays |= {"steps": int(field_arrays["steps"])} if np.ndim(field_arrays.get("steps", ())) == 0 else {}
-    return trajectory_class(**{**values, **field_arrays, "state": make_state(outputs)})
+    return trajectory_class(**{**other_values, **field_arrays, "state": state_function(outputs)})
 
 
 def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
-    """Return errors that are already computed as lazy values: a LazyValue of one motion, LazyValues of many."""
+    """Return known errors as lazy values that need no computation: a LazyValue of one motion, LazyValues of many."""
     values = np.empty(errors.shape, object)
     for index in np.ndindex(errors.shape):
         values[index] = LazyValue(None, float(errors[index]))
@@ -347,7 +356,7 @@ def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
 
 
 def _describe_steps(steps: Any) -> str:
-    """Return the number of steps as text: of many motions the range, of Dask arrays a word.
+    """Return the number of steps as text: of many motions the range, of Dask arrays "not computed".
 
     >>> _describe_steps(np.array([12, 40])), _describe_steps(7)
     ('12..40', '7')
@@ -358,7 +367,7 @@ def _describe_steps(steps: Any) -> str:
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:
-    """Return the number of instants and their range as text.
+    """Return text such as "samples=5, t=0..2" with the number of instants, the first and the last one.
 
     >>> describe_instants(np.linspace(0, 2, 5))
     'samples=5, t=0..2'
@@ -367,7 +376,9 @@ def describe_instants(t: NDArray[np.float64]) -> str:
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first; orthonormal to 4 u."""
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first. They are orthonormal to 4
+    unit roundoffs.
+    """
     parts = {"q": components_of(quat_wxyz)}
     return tabulate_one(
         lambda v: _orthonormalized(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64)
@@ -390,7 +401,8 @@ def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[n
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (..., N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
+    """Return Euler angles (..., N, 3) of equal attitudes that are continuous from sample to sample. `proper` means
+    that the first and the third axis of the sequence are the same axis.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
