@@ -31,73 +31,77 @@ _MAX_NODE_ITERATIONS: Final = 30  # of the states at the nodes; a step that need
 _STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
 _MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
 # Factor of the length by which errors of velocities are scaled, with each shorter step.
-_LENGTH_SCALE_DECAY_PER_STEP = 0.9
-_ITERATIONS_PER_NEWTON_REFRESH = 4  # iterations after which Newton's method computes the derivatives of psi'' again
+_RECENT_STEP_LENGTH_DECAY_FACTOR = 0.9
+# Iterations after which Newton's method computes the derivatives of psi'' again.
+_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
 _ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
-_MAX_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
-_MIN_NEWTON_STIFFNESS = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
-_PSIDD_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
+_MAX_FIXED_POINT_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
+_MIN_STIFFNESS_FOR_NEWTON = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
+_PSI_AND_PSID_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
 _MAX_SIMULTANEOUS_EVENTS = 8  # events at one instant; if more follow each other, the last is ignored
 # Of the usual length: in a shorter step the derivative jumps, and no step is better.
-_MIN_STEP_LENGTH_RATIO = 1e-12
+_MIN_STEP_LENGTH_TO_RECENT_LENGTH = 1e-12
 
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
-NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
+RELATIVE_NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
 """Nodes of a step from 0 to 1; shape (8,)."""
-_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
+_NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
     [
         (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
         for k in range(NODE_COUNT)
     ]
 )
-"""From values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
+"""Matrix from values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
 
 
-_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
+_NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
     np.stack(
         [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
         axis=1,
     )
-    @ _LEGENDRE_COEFFS_MATRIX
+    @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
     / 2
 )
-"""From values at the nodes to the coefficients of the Legendre series of their integral; shape (9, 8)."""
+"""Matrix from values at the nodes to the coefficients of the Legendre series of the integral; shape (9, 8)."""
 
 
 def integration_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRAL_LEGENDRE_COEFFS_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _LEGENDRE_COEFFS_MATRIX
+    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
 
 
-_NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(NODE_TIMES)
+_NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
 """From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
 NODE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
-_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
+_RELATIVE_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack(
+    [0.0, (RELATIVE_NODE_TIMES[1:] + RELATIVE_NODE_TIMES[:-1]) / 2, 1.0]
+)
 """Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
-_NODE_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
+_RELATIVE_NODE_GAPS: Final[Array] = np.diff(RELATIVE_NODE_TIMES, prepend=0.0, append=1.0)[:, None]
 """Distances of neighbouring nodes and ends around each check time; shape (9, 1)."""
 _RESIDUAL_INTEGRATION_MATRIX, _RESIDUAL_INTERPOLATION_MATRIX = (
-    integration_matrix(_RESIDUAL_CHECK_TIMES),
-    interpolation_matrix(_RESIDUAL_CHECK_TIMES),
+    integration_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
+    interpolation_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
 )
 _NODE_DIFFERENTIATION_MATRIX: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRATION_MATRIX), np.float64)
 """From integrals at the nodes to the values there; shape (8, 8)."""
-_EVENT_SAMPLE_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, _RESIDUAL_CHECK_TIMES]))
+_RELATIVE_EVENT_SAMPLE_TIMES: Final[Array] = np.sort(np.hstack([RELATIVE_NODE_TIMES, _RELATIVE_RESIDUAL_CHECK_TIMES]))
 """Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
-_EVENT_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.asarray(
-    np.linalg.inv(legendre.legvander(2 * _EVENT_SAMPLE_TIMES - 1, len(_EVENT_SAMPLE_TIMES) - 1)), np.float64
+_EVENT_SAMPLES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.asarray(
+    np.linalg.inv(legendre.legvander(2 * _RELATIVE_EVENT_SAMPLE_TIMES - 1, len(_RELATIVE_EVENT_SAMPLE_TIMES) - 1)),
+    np.float64,
 )
 """From values at these times to the coefficients of their Legendre series; shape (17, 17)."""
 
 
 class TooStiffError(Exception):
-    """The shortest possible step is still too long for the tolerance; `t` is where that step began [s]."""
+    """Error that even the shortest possible step is too long for the tolerance; `t` is the start of that step [s]."""
 
     def __init__(self, t: float) -> None:
         super().__init__(t)
@@ -119,12 +123,13 @@ class StepPolynomial:
 
 
 class Events(Protocol):
-    """Protocol of events at which the derivatives of the state change from one smooth function to another, or the
-    state jumps.
+    """Protocol of an object that finds and applies events. At an event the state jumps, or its derivatives change
+    from one smooth function to another.
     """
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Compute the distances of instants and states from each event, and the sizes that scale their rounding.
+        """Compute, at instants t and states, the distances from each event, (m, e), and the sizes (e,) that scale the
+        rounding of the distances.
 
         Returns:
             Distances, positive until the event happens, shape (m, e); and sizes, shape (e,).
@@ -136,8 +141,8 @@ class Events(Protocol):
 
 @dataclass
 class Stepper:
-    """Stepper of one motion, which changes with every step: steps are as long as the tolerance allows, and end at
-    events.
+    """Mutable stepper of one motion: holds the present time and state, and makes steps as long as the tolerance
+    allows, which end at events.
     """
 
     rates: StateRates  # derivatives of the state
@@ -154,7 +159,7 @@ class Stepper:
     trials: int = 0  # steps tried so far
 
     def __post_init__(self) -> None:
-        self._length_scale = 0.0
+        self._recent_step_length = 0.0
         self._rounding_residue = np.zeros_like(
             self.state
         )  # rounding error of the sum of the steps, for compensated summation
@@ -164,8 +169,9 @@ class Stepper:
         self.ended = False  # whether an event has ended the motion
 
     def step(self, stop: float) -> StepPolynomial | None:
-        """Make a step that goes neither past `stop` nor past an event; return its polynomial, None if an event ends
-        all at once.
+        """Advance time and state by a step that goes neither past `stop` nor past an event; return its polynomial.
+        Return None if an event at the start of the step ends the motion. Raise a TooStiffError if no step is short
+        enough.
 
         The time and the state of this object become those at the end of the step. The event there is applied by
         `apply_pending_event`.
@@ -217,14 +223,16 @@ class Stepper:
             else:
                 end, expected_event = self.t + share * length, event
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
-        self._length_scale = max(length, _LENGTH_SCALE_DECAY_PER_STEP * self._length_scale)
+        self._recent_step_length = max(length, _RECENT_STEP_LENGTH_DECAY_FACTOR * self._recent_step_length)
         self.t = end if is_last else self.t + length
         self._advance(length * (NODE_WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
         return piece
 
     def apply_pending_event(self) -> None:
-        """Apply the event at the end of the last step, if there is one."""
+        """Apply the event at the end of the last step to the state, if there is one; set `ended` if it ends the
+        motion.
+        """
         if self._pending_event is not None:
             self._apply_event(self._pending_event)
             self._pending_event = None
@@ -235,15 +243,15 @@ class Stepper:
         self.state = state
 
     def _apply_event(self, event_index: int) -> None:
-        """Apply an event to the present state; set `ended` where the event ends the motion."""
+        """Apply an event, by its index, to the present state; set `ended` to whether the event ends the motion."""
         state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return the times, from 0 to 1 in a step of this length, at which the residual is checked besides those of
-        every step.
+        """Return the additional times, from 0 to 1 in a step of this length, at which the residual is checked for
+        loads that are callables.
         """
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
@@ -252,8 +260,8 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return the share of a step (0 to 1) after which the first event happens, and the event's index; None where
-        none does.
+        """Return the share of a step (0 to 1) after which the first event happens, and the index of the event. Return
+        None if no event happens in the step.
 
         An expected event happens at the end of the step if only rounding may keep it from happening there.
         """
@@ -265,12 +273,12 @@ class Stepper:
                 self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
             )
 
-        times = np.unique(np.hstack([_EVENT_SAMPLE_TIMES, extra_times]))
+        times = np.unique(np.hstack([_RELATIVE_EVENT_SAMPLE_TIMES, extra_times]))
         values, sizes = distances(times)
         slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None]).max(axis=0) / length
         margins = 2e-15 * sizes + time_margin * slopes
         crossings = []
-        event_time_indices = np.searchsorted(times, _EVENT_SAMPLE_TIMES)
+        event_time_indices = np.searchsorted(times, _RELATIVE_EVENT_SAMPLE_TIMES)
         for event, margin in enumerate(margins):
             distance_at = functools.partial(lambda event, times: distances(times)[0][:, event], event)
             bracket = _bracket_crossing(
@@ -288,17 +296,17 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add a change to the present state by compensated summation."""
+        """Add a change to the present state by compensated summation, and keep the rounding residue."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
         self.state = state
 
     def _node_rates(self, length: float) -> Array | None:
-        """Compute the derivatives of the state at the nodes of a step, shape (8, k); None where no iteration
-        converges. Newton's method is used where fixed points fail.
+        """Compute the derivatives of the state at the nodes of a step of this length; shape (8, k). Return None if no
+        iteration converges. Newton's method is used where fixed-point iteration fails.
         """
-        if self._stiffness(length) < _MIN_NEWTON_STIFFNESS:
+        if self._stiffness(length) < _MIN_STIFFNESS_FOR_NEWTON:
             self._hinge_derivatives = None
             node_rates = self._solve_nodes(length, use_newton=False)
             if node_rates is not None:
@@ -309,7 +317,9 @@ class Stepper:
         return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return the stiffness of psi'' in psi and psi' over a step of this length, a number without unit."""
+        """Return the stiffness of psi'' in psi and psi' over a step of this length, without unit; 0 if it is not
+        known.
+        """
         if self._hinge_derivatives is None:
             return 0.0
         by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._hinge_derivatives)
@@ -317,19 +327,18 @@ class Stepper:
 
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
         """Iterate the states at the nodes by fixed points (Picard), or by a simplified Newton method in (psi, psi').
-        Return the derivatives at the nodes; None where the iteration does not converge, or the other method suits
-        better.
-
-        For Newton's method the derivatives of psi'' by psi and psi' at each node are computed by differences; all
-        other components are iterated by fixed points.
+        Return the derivatives at the nodes, (8, k); None if the iteration does not converge, or the other method
+        suits better. Store the derivatives of psi'' that Newton's method needs. For Newton's method the derivatives
+        of psi'' with respect to psi and psi' at each node are differences; all other components are iterated by fixed
+        points.
         """
-        times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
+        times, sizes, last_change = self.t + length * RELATIVE_NODE_TIMES, self._error_sizes(length), np.inf
         states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
         for iteration in range(_MAX_NODE_ITERATIONS):
-            if use_newton and iteration % _ITERATIONS_PER_NEWTON_REFRESH == 0:
+            if use_newton and iteration % _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if not iteration and not self._stiffness(length) > _MIN_NEWTON_STIFFNESS:
+                if not iteration and not self._stiffness(length) > _MIN_STIFFNESS_FOR_NEWTON:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
             node_rates = self.rates(times, states)
@@ -356,18 +365,18 @@ class Stepper:
                 not use_newton
                 and iteration
                 and iteration % _ITERATIONS_PER_CONTRACTION_CHECK == 0
-                and change > _MAX_CONTRACTION_RATIO * last_change
+                and change > _MAX_FIXED_POINT_CONTRACTION_RATIO * last_change
             ):
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if self._stiffness(length) > _MIN_NEWTON_STIFFNESS:
+                if self._stiffness(length) > _MIN_STIFFNESS_FOR_NEWTON:
                     return None
                 self._hinge_derivatives = None
             last_change = change
         return None
 
     def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
-        """Compute the derivatives of psi'' by psi and psi' at some instants; shape (m,) each."""
-        increments = _PSIDD_DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
+        """Return two arrays (m,): the derivatives of psi'' with respect to psi and to psi' at m times and states."""
+        increments = _PSI_AND_PSID_DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
         shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
         shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
@@ -375,8 +384,8 @@ class Stepper:
         return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
-        """Return the two matrices (8, 8) of Newton's method, from residuals of psi' and of psi at the nodes to the
-        change of psi'.
+        """Return the two matrices (8, 8) of Newton's method for a step of this length. The second maps residuals of
+        psi at the nodes to residuals of psi'; the first maps the sum of both to the change of psi'.
         """
         by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
         integrals = length * _NODE_INTEGRATION_MATRIX
@@ -384,7 +393,7 @@ class Stepper:
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
-        """Return errors of the rates less the part that a stiff psi'' damps within the step; a copy, shape (m, k)."""
+        """Return errors of the rates, (m, k), without the part that a stiff psi'' damps within the step."""
         if self._hinge_derivatives is None:
             return errors
         by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
@@ -394,8 +403,8 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes from the polynomial of the last step, or from its value at that step's
-        end.
+        """Predict the derivatives at the nodes, (8, k), by the polynomial of the last step, or, for a much longer
+        step, as its value at the end. Return zeros for the first step.
         """
         last_step = self._last_step
         if last_step is None:
@@ -414,32 +423,35 @@ class Stepper:
         self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
         """Return an estimate of the error of the polynomial between the nodes, in units of the tolerance, and the
-        share of the step without such an error, which is 0 unless only extra checks fail.
+        share of the step that could be kept. The share is 0 unless only checks at `extra_times` find an error above
+        1.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
             step up to which no check does; 0 elsewhere.
         """
-        jumps = length <= max(_MIN_STEP_LENGTH_RATIO * self._length_scale, shortest_length)
-        sizes = self._error_sizes(length if jumps else max(length, self._length_scale))
+        jumps = length <= max(_MIN_STEP_LENGTH_TO_RECENT_LENGTH * self._recent_step_length, shortest_length)
+        sizes = self._error_sizes(length if jumps else max(length, self._recent_step_length))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(self._damp_stiff_errors(_LEGENDRE_COEFFS_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
+        tails = np.abs(
+            self._damp_stiff_errors(_NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX[-3:] @ node_rates, length) * units
+        ).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
         times, gaps, to_states, to_rates = (
-            _RESIDUAL_CHECK_TIMES,
-            _NODE_GAPS,
+            _RELATIVE_RESIDUAL_CHECK_TIMES,
+            _RELATIVE_NODE_GAPS,
             _RESIDUAL_INTEGRATION_MATRIX,
             _RESIDUAL_INTERPOLATION_MATRIX,
         )
         if extra_times.size:
-            times, order = np.unique(np.hstack([_RESIDUAL_CHECK_TIMES, extra_times]), return_index=True)
+            times, order = np.unique(np.hstack([_RELATIVE_RESIDUAL_CHECK_TIMES, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
-            is_check_time = order < len(_RESIDUAL_CHECK_TIMES)
-            gaps[is_check_time] = _NODE_GAPS[order[is_check_time]]
+            is_check_time = order < len(_RELATIVE_RESIDUAL_CHECK_TIMES)
+            gaps[is_check_time] = _RELATIVE_NODE_GAPS[order[is_check_time]]
             to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
         residuals = (np.abs(self._damp_stiff_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(
@@ -455,14 +467,13 @@ class Stepper:
 def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
-    """Return two instants between which a distance first falls below -margin; None where it does not.
-
-    Between the instants it is searched where the polynomial through `sampled_distances`, the distances at
-    _EVENT_SAMPLE_TIMES, is negative.
+    """Return two relative times (0 to 1) between which a distance first falls below -margin; None if it does not.
+    Between `times` the crossing is searched where the polynomial through `sampled_distances`, the distances at
+    _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _EVENT_LEGENDRE_COEFFS_MATRIX @ sampled_distances
+    series = _EVENT_SAMPLES_TO_LEGENDRE_COEFFS_MATRIX @ sampled_distances
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
         return bracket
     series = np.asarray(
@@ -481,8 +492,8 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Return the instant between two others at which a distance first is below 0 by more than rounding, as it is at
-    the end.
+    """Return the first relative time between `start` and `end` at which a distance is below -margin, by bisection. At
+    `end` the distance must be below -margin.
     """
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)

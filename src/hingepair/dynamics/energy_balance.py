@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.collocation import NODE_COUNT, NODE_TIMES, NODE_WEIGHTS, StepPolynomial
+from hingepair.dynamics.collocation import NODE_COUNT, NODE_WEIGHTS, RELATIVE_NODE_TIMES, StepPolynomial
 from hingepair.dynamics.pair_motion import MotionSamples, PairMotion
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_MIN_RELATIVE_IMPACT_CHANGE = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
+_MIN_RELATIVE_RATE_CHANGE_BY_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
 _INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
@@ -67,8 +67,8 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """A callable that computes the energy balance at its first call and keeps it; copies and pickles hold the
-    balance.
+    """Callable that returns an `EnergyBalance`, computed at the first call and then kept; to copy or pickle it
+    computes the balance as well.
     """
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
@@ -93,7 +93,7 @@ def energy_balance(
     gravity: tuple[float, ...],
     samples: MotionSamples,
 ) -> EnergyBalance:
-    """Compute the energy balance of a simulated motion: the work of each load by quadrature, and the energies.
+    """Compute the `EnergyBalance` of a simulated motion: the work of each load by quadrature, and the energies.
 
     Args:
         motion: the equations of the motion.
@@ -116,7 +116,7 @@ def energy_balance(
         for first in range(0, max(len(edges) - 1, 1), _INTERVALS_PER_WORK_CHUNK):
             chunk_edges = edges[first : first + _INTERVALS_PER_WORK_CHUNK + 1]
             lengths = np.diff(chunk_edges)
-            times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
+            times = chunk_edges[:-1, None] + lengths[:, None] * RELATIVE_NODE_TIMES
             step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()
             states = np.stack(
                 [steps[i].polynomial.states_at(row) for i, row in zip(step_indices, times, strict=True)]
@@ -125,7 +125,7 @@ def energy_balance(
                 motion,
                 t[0] + times.ravel(),
                 np.concatenate(states),
-                [steps[i] for i in step_indices for _ in NODE_TIMES],
+                [steps[i] for i in step_indices for _ in RELATIVE_NODE_TIMES],
             )
             powers = _powers_by_load(pair, nodes, gravity, is_carried=is_carried)
             chunks.append(
@@ -150,7 +150,7 @@ def _body1_motion(samples: MotionSamples, **accelerations: Array) -> BodyMotion:
 
 
 def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
-    """Compute motion and loads at n instants, each of which lies in the step that is given for it."""
+    """Compute motion and loads at n instants, of which `states` and `steps` give the state and the step of each."""
     sides = np.array([step.side for step in steps])
     held, quats = np.array([step.held for step in steps]), np.array([step.quat for step in steps])
     return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)
@@ -159,7 +159,9 @@ def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Seq
 def _powers_by_load(
     pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
 ) -> dict[str, Array]:
-    """Compute the power of each load [W]; return arrays (n,) by name. With `is_carried`, body 1 moves as given."""
+    """Compute the power of each load [W]; return arrays (n,) by name. With `is_carried`, the motion of body 1 is
+    given: the powers of force1 and torque1 are then 0, and "base" is the power of what moves body 1.
+    """
     motion, loads = samples.motion, samples.loads
     body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)
     state = pair.forward_kinematics_from_body1(body1, motion.psi, motion.psid, outputs=("R2", "v2", "omega2"))
@@ -193,7 +195,7 @@ def _impact_work(
     pair: HingePair,
     gravity: tuple[float, ...],
 ) -> Array:
-    """Compute the kinetic energy [J] that impacts have added up to each instant; shape (N,)."""
+    """Return the kinetic energy [J] that impacts have added between t[0] and each instant, mostly negative; (N,)."""
     work = np.zeros(len(t))
     column = motion.psi_index + 1
     for last_step, next_step in itertools.pairwise((steps[0], *steps)):
@@ -201,7 +203,7 @@ def _impact_work(
         end_state = (
             initial_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
         )
-        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_RELATIVE_IMPACT_CHANGE * (
+        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_RELATIVE_RATE_CHANGE_BY_IMPACT * (
             1 + abs(end_state[column])
         ):
             continue

@@ -30,19 +30,19 @@ _LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
 _RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
 _USER_EVENT_NAME = "until"  # as the argument of `simulate`
 # Of the tolerance: a hinge that would rebound from a stop by less is held there.
-_MIN_REBOUND_TOLERANCE_RATIO: Final = 0.01
+_MIN_REBOUND_ANGLE_TO_TOLERANCE: Final = 0.01
 # Of the largest value of the user's event in the first step: above, its sign counts.
-_USER_EVENT_SIGN_TOLERANCE: Final = 1e-6
+_RELATIVE_USER_EVENT_SIGN_TOLERANCE: Final = 1e-6
 # Of the largest value of the user's event so far: below, an impact makes it 0.
-_USER_EVENT_ZERO_TOLERANCE: Final = 1e-12
-_SAME_INSTANT_TOLERANCE: Final = 1e-13  # of the time: events at a smaller distance happen at once
+_RELATIVE_USER_EVENT_ZERO_TOLERANCE: Final = 1e-12
+_RELATIVE_SAME_INSTANT_TOLERANCE: Final = 1e-13  # of the time: events at a smaller distance happen at once
 # Of the torques: by which the holding torque may exceed its limit, for rounding.
-_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
+_RELATIVE_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
-    """Events of a hinge: computes the distances from the next ones, and applies one to the state and the branch of
-    the torque.
+    """Events of a hinge: computes the distances from the next events, and applies an event to the state and to the
+    motion, of which it sets the torque branch `side` and `held`.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -79,14 +79,14 @@ class HingeEvents:
         return bool(self._motion.loads.kinks or self._motion.loads.rate_kinks or self._user_event)
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return the distances of instants and states from each event, (m, e), and the sizes (e,) that scale their
-        rounding. Keep the names of the events, and the sign and the size of the user's value.
+        """Return, at instants t and states, the distances from each event, (m, e), and the sizes (e,) that scale the
+        rounding of the distances. Store the names of the events, and the sign and the size of the user's value.
         """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
         if self._motion.held:
             torque = self._motion.holding_torque(self._start + t, states)
-            size = _HOLDING_TORQUE_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
+            size = _RELATIVE_HOLDING_TORQUE_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
             lowest, highest = self._torque_limits
             rows |= {_RELEASE_UP_EVENT: (torque - lowest, size)} if lowest > -np.inf else {}
             rows |= {_RELEASE_DOWN_EVENT: (highest - torque, size)} if highest < np.inf else {}
@@ -105,7 +105,7 @@ class HingeEvents:
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = values[np.abs(values) > _USER_EVENT_SIGN_TOLERANCE * np.abs(values).max()]
+                certain_values = values[np.abs(values) > _RELATIVE_USER_EVENT_SIGN_TOLERANCE * np.abs(values).max()]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             size = float(np.abs(values).max())
             self._largest = max(self._largest, size)
@@ -115,8 +115,8 @@ class HingeEvents:
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Apply an event, by its index, to the branch and the hold of the motion; return the state after it, or None
-        where the motion ends.
+        """Apply an event, by its index, to the torque branch and the hold of the motion. Return a copy of the state
+        with the changes of the event, or None if the event ends the motion.
 
         Returns:
             The state after the event, a copy; None where the motion ends.
@@ -146,26 +146,28 @@ class HingeEvents:
         return state
 
     def _ends_motion(self) -> bool:
-        """Return whether the user's event ends the motion where its value now passes 0, by its direction."""
+        """Return whether the user's event ends the motion when its value passes 0 from the present sign."""
         return bool(self._direction * self._sign <= 0)
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
-        """Return whether an impact, or friction that stops the hinge, ends the motion since the user's value is
-        exactly 0 there. The sign of such a value is unknown from then on.
+        """Return whether the motion ends because an impact, or friction that stops the hinge, leaves the user's value
+        at exactly 0. If the value is 0, set its stored sign to unknown.
 
         From there the value may stay 0 or turn back, so that it might never pass 0.
         """
         if self._user_event is None or not self._sign:
             return False
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if abs(value) > _USER_EVENT_ZERO_TOLERANCE * self._largest:
+        if abs(value) > _RELATIVE_USER_EVENT_ZERO_TOLERANCE * self._largest:
             return False
-        ends = self._ends_motion() and t - self._passed_at > _SAME_INSTANT_TOLERANCE * max(1.0, t)
+        ends = self._ends_motion() and t - self._passed_at > _RELATIVE_SAME_INSTANT_TOLERANCE * max(1.0, t)
         self._sign = 0.0
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Evaluate the user's event at some instants; shape (m,). Raise an error where it returns anything else."""
+        """Return the values of the user's event at instants and states; shape (m,). Raise an error if the event does
+        not return one number for each instant.
+        """
         result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
             raise DtypeError("until", "a number that passes 0, such as now.psi - 0.3", "a bool")
@@ -176,7 +178,9 @@ class HingeEvents:
         return np.array(values, np.float64)
 
     def _update_torque_branch(self) -> None:
-        """Set the motion's `side`, which selects the smooth branch of the hinge torque, from the present interval."""
+        """Set the motion's `side`, which selects the smooth branch of the hinge torque, from the present intervals of
+        angle and rate between kinks.
+        """
         held = self._motion.held
         self._motion.side = (
             _value_in_interval(self._angle_kinks, self._angle_interval),
@@ -184,15 +188,17 @@ class HingeEvents:
         )
 
     def _release(self, direction: int) -> None:
-        """Release the hinge, so that it may turn upwards (1) or downwards (-1)."""
+        """Set the hinge of the motion free, so that it may turn upwards (1) or downwards (-1), and update its torque
+        branch.
+        """
         self._motion.held = False
         if self._friction:
             self._rate_interval = self._rate_kinks.index(0.0) - (direction < 0)
         self._update_torque_branch()
 
     def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge, whose rate is 0, and keep the limits of its holding torque; release it if the torque
-        exceeds them.
+        """Hold the hinge, whose rate in `state` is 0, and store the limits of the holding torque. Release the hinge
+        if the torque exceeds a limit.
         """
         psi = float(state[self._motion.psi_index])
         lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
@@ -200,7 +206,7 @@ class HingeEvents:
         self._motion.held = True
         self._update_torque_branch()
         torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
-        margin = _HOLDING_TORQUE_TOLERANCE * (self._friction + abs(torque))
+        margin = _RELATIVE_HOLDING_TORQUE_TOLERANCE * (self._friction + abs(torque))
         if not lowest - margin <= torque <= highest + margin:
             self._release(-1 if torque > highest else 1)
         self._torque_limits = lowest, highest
@@ -210,8 +216,8 @@ class HingeEvents:
         return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Reverse the hinge's rate in `state`, in place, at a rigid stop above (1) or below (-1), or hold the hinge
-        there.
+        """Reverse the hinge rate in `state`, in place, at a rigid stop [rad] above (1) or below (-1). Hold the hinge
+        at the stop, with rate 0, if it would rebound by less than the tolerance allows.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
@@ -225,14 +231,14 @@ class HingeEvents:
         pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
         if (
             pressing_acceleration > 0
-            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_TOLERANCE_RATIO * self._tol
+            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_ANGLE_TO_TOLERANCE * self._tol
         ):
             state[psi_index + 1] = 0.0
             self._hold(t, state)
 
 
 def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:
-    """Return a value inside an interval between two neighbouring kinks, of which one or both may be infinite."""
+    """Return a number inside the interval from one kink to the next one; either kink, or both, may be infinite."""
     lower, upper = kinks[interval_index : interval_index + 2]
     if lower == -np.inf:
         return upper - 1 if upper < np.inf else 0.0

@@ -23,11 +23,12 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_named
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-_RELATIVE_DIFFERENCE_STEP: Final = 1e-5  # of the size of each component of the state, for differences of order 4
+# Of the size of each component of the state, for differences of order 4.
+_RELATIVE_STATE_DIFFERENCE_STEP: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
 _MIN_RELATIVE_POLE_SIZE: Final = 1e-5
-_MAX_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
-_MAX_NEWTON_ANGLE_CHANGE = 0.3  # rad: largest change of an angle in one of them
+_MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
+_MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION = 0.3  # rad: largest change of an angle in one of them
 _EQUILIBRIUM_ANGLE_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
@@ -43,8 +44,8 @@ class Linearization:
     """Linearized motion of a pair: x' = A x + B (hinge_torque), x small changes of the state; `print` shows poles.
 
     Attributes:
-        A: derivatives of the rates by the state; shape (k, k).
-        B: derivatives of the rates by a torque at the hinge; shape (k,).
+        A: derivatives of the rates with respect to the state; shape (k, k).
+        B: derivatives of the rates with respect to a torque at the hinge; shape (k,).
         names: names of the components of the state: psi and psid; for a free or pinned base, before them the common
             centre of mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small
             rotations phi of body 1, all along world axes.
@@ -103,7 +104,8 @@ def linearize(
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Linearize the motion about a state; return its matrices, poles, natural frequencies and damping ratios.
+    """Linearize the motion about a state; return a `Linearization` with matrices, poles, natural frequencies and
+    damping ratios. Raise an ArgumentError if the hinge is held there, or no equilibrium is found.
 
     The arguments are those of `simulate`, at one instant. Derivatives are differences of order 4.
 
@@ -184,8 +186,10 @@ def linearize(
 def _state_derivatives(
     motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return the derivatives of a state's rates by some of its components, shape (k, m), and the rates, (k,)."""
-    steps = (_RELATIVE_DIFFERENCE_STEP * motion.sizes)[component_indices]
+    """Return the derivatives of the rates of a state with respect to some components of the state, shape (k, m), and
+    the rates, (k,).
+    """
+    steps = (_RELATIVE_STATE_DIFFERENCE_STEP * motion.sizes)[component_indices]
     increments = np.zeros((len(component_indices), len(state)))
     increments[np.arange(len(component_indices)), component_indices] = steps
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
@@ -196,15 +200,15 @@ def _state_derivatives(
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the state of the stable equilibrium near a state at rest, by Newton's method; raise an error if none is
-    near.
+    """Return the state of the stable equilibrium near a state at rest, found by Newton's method. Raise an
+    ArgumentError if none is found.
 
     Raises:
         ArgumentError: there is no equilibrium near.
     """
     rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
     coordinates = np.array([*rotations, motion.psi_index])
-    for _ in range(_MAX_NEWTON_ITERATIONS):
+    for _ in range(_MAX_EQUILIBRIUM_NEWTON_ITERATIONS):
         derivatives, rates = _state_derivatives(motion, t, state, coordinates)
         rate_indices = np.flatnonzero(motion.rate_mask)
         residual = rates[rate_indices] / motion.sizes[rate_indices]
@@ -222,6 +226,6 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
         if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
             change, size = torques, float(np.abs(torques).max())
         state = state.copy()
-        state[coordinates] += change * min(1.0, _MAX_NEWTON_ANGLE_CHANGE / size)
+        state[coordinates] += change * min(1.0, _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION / size)
         state = motion.restart_attitude(state)
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")

@@ -46,7 +46,7 @@ class MotionAtInstants(NamedTuple):
 
 
 class Loads:
-    """The loads on a pair, checked: evaluates constants and callables at any instants.
+    """Checked loads on a pair, constants and callables, which can be evaluated at any instants.
 
     Args:
         forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
@@ -86,8 +86,8 @@ class Loads:
     def callables_at(
         self, t: Array, now: MotionAtInstants | None, psi: Array, psid: Array, side: KinkSide | None = None
     ) -> dict[str, Array]:
-        """Evaluate the loads that are callables; return forces and torques on the bodies, (n, 3), and hinge_torque,
-        (n,), by name.
+        """Evaluate the loads that are callables; return by name forces and torques on the bodies, (n, 3), and
+        hinge_torque, (n,). Raise an ArgumentError if a result does not fit.
 
         With a side, the torque of a HingeLoad is its smooth branch on that side of its kinks.
         """
@@ -106,7 +106,8 @@ class Loads:
         return loads
 
     def all_at(self, t: Array, now: MotionAtInstants, side: KinkSide | None = None) -> dict[str, Array]:
-        """Evaluate all loads but gravity, including the parts of a HingeLoad; return them by name.
+        """Evaluate all loads but gravity at n instants, and the parts of a HingeLoad; return arrays by name. Raise an
+        ArgumentError if the result of a callable does not fit.
 
         Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
         friction_torque and stop_torque (n,).
@@ -121,13 +122,15 @@ class Loads:
         return loads
 
     def _load_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of a load as users give it: (3,), of a planar pair (2,) or () for torques."""
+        """Return the shape of one value of a load as users give it: (3,); for planar pairs (2,), () of a torque."""
         if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
     def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Check a constant force, torque or gravity; return its three components in space."""
+        """Check a constant force, torque or gravity, and return its three components in space. Raise an error if it
+        is not finite or has the wrong shape.
+        """
         tail = self._load_shape(name)
         if isinstance(load, int | float) and load == 0:
             return (0.0, 0.0, 0.0)
@@ -136,8 +139,8 @@ class Loads:
 
     @staticmethod
     def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Broadcast the result of a callable load to one value for each instant; raise an error where it does not
-        fit.
+        """Return the result of a callable load, broadcast to `shape`, which has one value for each instant. Raise an
+        ArgumentError if the result does not fit.
         """
         try:
             return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)

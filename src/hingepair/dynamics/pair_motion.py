@@ -48,7 +48,7 @@ HingeMotion: TypeAlias = Callable[[Array], Any]
 _CAYLEY_SLICE, _PSI_STATE_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
 
 # Components of the state by name.
-_STATE_INDEX_BY_NAME = {
+_STATE_INDEX_BY_COMPONENT_NAME = {
     "base_point": slice(0, 3),
     "momentum": slice(3, 6),
     "angular_momentum": slice(6, 9),
@@ -57,17 +57,19 @@ _STATE_INDEX_BY_NAME = {
     "psid": 13,
 }
 # Steps that take the components from the state.
-_UNPACK_STATE_STEPS = tuple(
-    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDEX_BY_NAME.items()
+_UNPACK_STATE_PLAN_STEPS = tuple(
+    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDEX_BY_COMPONENT_NAME.items()
 )
-_ATTITUDE_STEPS_BY_PLANARITY = {
+_ATTITUDE_PLAN_STEPS_BY_PLANARITY = {
     False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
     True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_ANGULAR_VELOCITY_STEP = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
-_MOMENTUM_RATE_STEPS_BY_BASE = {
+_ANGULAR_VELOCITY_PLAN_STEP = Step(
+    "omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid")
+)
+_MOMENTUM_RATE_PLAN_STEPS_BY_BASE = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
         Step(
@@ -87,7 +89,7 @@ _MOMENTUM_RATE_STEPS_BY_BASE = {
 }
 """Steps to the derivatives of base point and momenta, and to v1, by the kind of base."""
 # Steps from the loads to the derivatives of the state.
-_STATE_RATE_STEPS = (
+_STATE_RATE_PLAN_STEPS = (
     Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("base_point", "point")),
     Step("initial_angular_momentum", dyn.pair_angular_momentum, ("inertia_about_point", "omega1", "psid")),
@@ -96,11 +98,11 @@ _STATE_RATE_STEPS = (
 )  # fmt: skip
 
 # Whether each component of the state is a velocity or a momentum.
-_STATE_RATE_MASK: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
+_VELOCITY_AND_MOMENTUM_COMPONENT_MASK: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
 
 
 class MotionSamples(NamedTuple):
-    """Samples of a simulated motion at n instants: pose, velocities, accelerations and loads."""
+    """Samples of a simulated motion at n instants: pose, velocities, accelerations, loads, and number of steps."""
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of body 1, scalar first; (n, 4)
@@ -114,8 +116,8 @@ class MotionSamples(NamedTuple):
 
 
 class PairMotion:
-    """Equations of motion of a pair: the first state, the derivatives of any state, and the motion that a state
-    stands for.
+    """Equations of motion of a pair: the first state, the derivatives of any state, and the motion of the bodies in
+    any state. Stores the attitude at the start of the present step, the torque branch, and whether the hinge is held.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -167,7 +169,7 @@ class PairMotion:
             self.state, self.sizes, self.rate_mask, self.psi_index = (
                 np.array([psi, psid]),
                 np.ones(2),
-                _STATE_RATE_MASK[-2:],
+                _VELOCITY_AND_MOMENTUM_COMPONENT_MASK[-2:],
                 0,
             )
             self._rate_call = self._acceleration_call = compile_call(None, "psidd")
@@ -188,11 +190,11 @@ class PairMotion:
         length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + total_mass * length**2
         self.sizes = np.repeat([length, total_mass * length, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
-        self.rate_mask, self.psi_index = _STATE_RATE_MASK, _PSI_STATE_INDEX
+        self.rate_mask, self.psi_index = _VELOCITY_AND_MOMENTUM_COMPONENT_MASK, _PSI_STATE_INDEX
 
     @property
     def callable_names(self) -> tuple[str, ...]:
-        """Names of the given arguments that are callables, whose values between two evaluations are unknown."""
+        """Names of the arguments of `simulate` that are callables: loads, "hinge" and "base"."""
         return (
             *self.loads.callable_names,
             *["hinge"] * (self._hinge is not None),
@@ -200,15 +202,17 @@ class PairMotion:
         )
 
     def first_step_length(self, t: float, span: float) -> float:
-        """Return a length of the first step [s] in which nothing turns by more than a tenth of a radian."""
+        """Return a length for the first step [s], at most `span`, in which nothing turns by more than a tenth of a
+        radian.
+        """
         rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
         rates[-1] /= max(1, abs(self.state[-1]))
         fastest = float(np.abs(rates).max())
         return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
     def rates(self, t: Array, states: Array) -> Array:
-        """Compute the derivatives of states at some instants on the present branch of the torque; shape (m, k). A
-        held hinge keeps its angle.
+        """Compute the time derivatives of states, (m, k), at instants t, (m,), on the present branch of the hinge
+        torque; shape (m, k). Those of the angle and the rate of a held hinge are 0.
         """
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))
@@ -228,7 +232,7 @@ class PairMotion:
         return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
 
     def hinge_response(self, t: float, state: Array) -> float:
-        """Compute the derivative of psi'' by a torque at the hinge, for one state [rad/s^2 / (N m)]."""
+        """Compute the derivative of psi'' with respect to a torque at the hinge, for one state [rad/s^2 / (N m)]."""
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         loads = self._loads_at(np.array([t]), inputs, self.side)
         increased = self._psidd(inputs, loads | {"hinge_torque": loads["hinge_torque"] + 1.0})
@@ -252,7 +256,7 @@ class PairMotion:
         return np.asarray(_run_compiled_call(self._acceleration_call, inputs | loads)["psidd"])
 
     def _torque_to_reach(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
-        """Compute the torque to add at the hinge so that psi'' is as given [N m]; psi'' is linear in that torque."""
+        """Compute the torque [N m] to add at the hinge so that psi'' has the value `psidd`; shape (m,)."""
         torque = loads["hinge_torque"]
         required = psidd - self._psidd(inputs, loads)
         slope = self._psidd(inputs, loads | {"hinge_torque": torque + 1.0}) - (psidd - required)
@@ -263,7 +267,9 @@ class PairMotion:
         return np.asarray(added)
 
     def restart_attitude(self, state: Array) -> Array:
-        """Move the rotation of a finished step from the state to the stored attitude; return the state with g = 0."""
+        """Rotate the stored attitude by the Cayley coordinates g of a state at the end of a step. Return a copy of
+        the state with g = 0. Of a planar or carried pair the state is returned as it is.
+        """
         if self._is_planar or not self._is_free_or_pinned:
             return state
         self.quat = _rotate_by_cayley(state[_CAYLEY_SLICE], self.quat)
@@ -317,8 +323,8 @@ class PairMotion:
         return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
 
     def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
-        """Return the inputs of programs at some instants by name: the state, and given motions of body 1 and the
-        hinge.
+        """Return the inputs of compiled programs at instants, by name: the state, psi and psi', and the given motions
+        of body 1 and of the hinge. Raise an ArgumentError if a given motion does not fit.
         """
         hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
         if self._hinge:
@@ -347,7 +353,7 @@ class PairMotion:
         return self.loads.callables_at(t, motion, inputs["psi"], inputs["psid"], side)
 
     def _motion_from_inputs(self, inputs: dict[str, Any]) -> MotionAtInstants:
-        """Compute the motion of the pair, without accelerations, from inputs of programs."""
+        """Compute pose and velocities of the pair from inputs that `_program_inputs` returns."""
         values = inputs | (
             _run_compiled_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest
         )
@@ -356,7 +362,9 @@ class PairMotion:
 
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
-    """Call the given motion of a hinge at instants (n,), and check it; return psi, psi' and psi'', (n,) each."""
+    """Call the given motion of a hinge at instants (n,); return psi, psi' and psi'', (n,) each. Raise an
+    ArgumentError if the results do not fit.
+    """
     values = call_with_arrays("hinge", hinge, t)
     try:
         psi, psid, psidd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
@@ -367,7 +375,7 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
-    """Return the results of a compiled call for values by name."""
+    """Run a compiled call on the values of its arguments by name, and return the results by name."""
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
     results = call.fast_path(*arrays.values())
     if results is not None:
@@ -379,30 +387,35 @@ def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
 
 @functools.cache
 def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs: tuple[str, ...]) -> Plan:
-    """Return the cached plan from the state to some outputs; where `is_planar` is None, from S1, omega1, psi and
-    psi'.
+    """Return the cached plan that computes outputs from the state of a pair. If `is_planar` is None, the plan
+    computes them from S1, omega1, psi and psi'.
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
-        attitude, rate = _ATTITUDE_STEPS_BY_PLANARITY[is_planar]
+        attitude, rate = _ATTITUDE_PLAN_STEPS_BY_PLANARITY[is_planar]
         attitude_count = [step.result for step in hinge].index("omega2")
         body1_steps = [
-            *_UNPACK_STATE_STEPS,
+            *_UNPACK_STATE_PLAN_STEPS,
             attitude,
             *hinge[:attitude_count],
             *inertia_steps(base),
-            _ANGULAR_VELOCITY_STEP,
+            _ANGULAR_VELOCITY_PLAN_STEP,
             rate,
         ]
     steps = forward_dynamics_steps((*body1_steps, *hinge), base)
     if base != "carried":
-        steps = (*steps, *_STATE_RATE_STEPS[:1], *_MOMENTUM_RATE_STEPS_BY_BASE[base], *_STATE_RATE_STEPS[1:])
+        steps = (
+            *steps,
+            *_STATE_RATE_PLAN_STEPS[:1],
+            *_MOMENTUM_RATE_PLAN_STEPS_BY_BASE[base],
+            *_STATE_RATE_PLAN_STEPS[1:],
+        )
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
     return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION)
 
 
 def _check_hinge_inertia(pair: HingePair) -> None:
-    """Raise an ArgumentError if body 2 has no inertia about the hinge axis."""
+    """Raise an ArgumentError if body 2 has no inertia about the hinge axis beyond round-off."""
     body2: Any = pair.body2
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
@@ -412,7 +425,9 @@ def _check_hinge_inertia(pair: HingePair) -> None:
 
 
 def _rotate_by_cayley(g: Array, quats: Array) -> Array:
-    """Return attitudes, unit quaternions (..., 4) with the scalar first, rotated by Cayley coordinates (..., 3)."""
+    """Return the attitudes that follow from `quats` by rotations with Cayley coordinates g, (..., 3), about world
+    axes. Attitudes are unit quaternions (..., 4) with the scalar first.
+    """
     x, y, z = np.moveaxis(g / 2, -1, 0)
     w, i, j, k = np.moveaxis(quats, -1, 0)
     products = np.stack(quaternion_product((1.0, x, y, z), (w, i, j, k)), axis=-1)

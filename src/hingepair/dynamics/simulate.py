@@ -35,20 +35,19 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
 SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
-_STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
-_PLANAR_START_EXAMPLE_TEXT = (
-    "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # a start in the plane, in messages
-)
-_MIN_REPORTED_STOP_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
-_REFERENCE_TOLERANCE_FACTOR = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
-_MIN_LOAD_EVALUATIONS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
-_REFERENCE_EVALUATION_FACTOR: Final = 4.3  # of these evaluations: those of the second run
-_TRIALS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
-_MAX_REMAINING_TRIALS = 1e6  # trial steps; a motion that needs more, by its progress so far, is refused
+_ALLOWED_STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
+# A start in the plane, in messages.
+_PLANAR_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
+_MIN_REPORTED_STOP_OVERRUN_ANGLE = 0.02  # rad past a stop, from which on a warning or a note reports it
+_REFERENCE_RUN_TOLERANCE_RATIO = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
+_MIN_LOAD_EVALUATIONS_PER_MOTION: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
+_REFERENCE_RUN_LOAD_EVALUATION_RATIO: Final = 4.3  # of these evaluations: those of the second run
+_TRIAL_STEPS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
+_MAX_REMAINING_TRIAL_STEPS = 1e6  # trial steps; a motion that needs more, by its progress so far, is refused
 
 
 class SimulationError(HingePairError, RuntimeError):
-    """The simulation cannot go on past the instant `t`, for the reason `why`.
+    """Error that the simulation cannot go on past the instant `t`, for the reason `why`.
 
     Attributes:
         t: instant that the simulation has reached [s].
@@ -66,7 +65,9 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Base class of simulated motions: fields and methods in addition to those of a trajectory."""
+    """Base class of simulated motions: body 1, hinge rates, loads, energies and momentum beside a trajectory's
+    fields.
+    """
 
     body1: BodyMotion
     psid: Array
@@ -82,11 +83,9 @@ class _SimulatedMotionBase:
 
     @property
     def error_estimate(self) -> float:
-        """Estimate of the error of body 1's attitude or angle phi, not psi, at the worst instant [rad], by a second
-        run at first access.
-
-        It is 0 where the base is fixed or moves as given; for the error of psi, see `psi_error_estimate`. The second
-        run has a thousandth of the tolerance, and gives both estimates.
+        """Estimated error of body 1's attitude or angle phi at the worst instant [rad]. At the first access it is
+        computed by a second run. The estimate is 0 where the base is fixed or moves as given; for the error of psi,
+        see `psi_error_estimate`. The second run has a thousandth of the tolerance, and gives both estimates.
         """
         return self._error()
 
@@ -99,8 +98,8 @@ class _SimulatedMotionBase:
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
-        """Compute the energy balance: the work of each load since the first instant, and the energies; `print` shows
-        a table.
+        """Compute the energy balance at the first call, and return it: the work of each load since the first instant,
+        and the energies. `print` shows it as a table.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -146,7 +145,9 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
-    """The motion of a planar pair, as `simulate` returns it: a `PlanarTrajectory` like a `SimulatedMotion`."""
+    """The motion of a planar pair, as `simulate` returns it: a `PlanarTrajectory` with the motions of body 1 and
+    hinge, and loads, the fields of a `SimulatedMotion`.
+    """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the outputs of the state, the motions of body 1 and the hinge, by name; shape (N, ...)."""
@@ -241,8 +242,10 @@ def simulate(
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
-    if not _STEP_TOLERANCE_RANGE[0] <= tolerance <= _STEP_TOLERANCE_RANGE[1]:
-        raise ArgumentError("tol", f"a number from {_STEP_TOLERANCE_RANGE[0]} to {_STEP_TOLERANCE_RANGE[1]}", tol)
+    if not _ALLOWED_STEP_TOLERANCE_RANGE[0] <= tolerance <= _ALLOWED_STEP_TOLERANCE_RANGE[1]:
+        raise ArgumentError(
+            "tol", f"a number from {_ALLOWED_STEP_TOLERANCE_RANGE[0]} to {_ALLOWED_STEP_TOLERANCE_RANGE[1]}", tol
+        )
     is_planar = space is not pair
     gravity = (PLANAR_GRAVITY if is_planar else GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
@@ -262,7 +265,9 @@ def simulate(
     def run_simulation(
         tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Simulate; return motion, first state, steps, samples, and whether `until` ended the motion."""
+        """Run the stepper; return the equations of motion, first state, steps, samples at the instants, and whether
+        `until` ended the motion. Raise a SimulationError if the stepper cannot go on.
+        """
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
@@ -275,7 +280,9 @@ def simulate(
         samples = _sample_motion(motion, first_state, steps, sampled)
         return motion, first_state, steps, samples, end_time is not None
 
-    motion, first_state, steps, samples, ended_by_event = run_simulation(tolerance, _MIN_LOAD_EVALUATIONS, until)
+    motion, first_state, steps, samples, ended_by_event = run_simulation(
+        tolerance, _MIN_LOAD_EVALUATIONS_PER_MOTION, until
+    )
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
     if space.limits is not None:
@@ -284,9 +291,11 @@ def simulate(
     if overrun := describe_stop_overrun(stops, float(lowest), float(highest)):
         warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     instants = samples.t
-    reference_tolerance = max(tolerance * _REFERENCE_TOLERANCE_FACTOR, 1e-15)
+    reference_tolerance = max(tolerance * _REFERENCE_RUN_TOLERANCE_RATIO, 1e-15)
     reference = functools.cache(
-        lambda: run_simulation(reference_tolerance, _MIN_LOAD_EVALUATIONS * _REFERENCE_EVALUATION_FACTOR, None)[3]
+        lambda: run_simulation(
+            reference_tolerance, _MIN_LOAD_EVALUATIONS_PER_MOTION * _REFERENCE_RUN_LOAD_EVALUATION_RATIO, None
+        )[3]
     )
     now = samples.motion
     body1_motion = motion_of_rotations(
@@ -323,7 +332,7 @@ def simulate(
 
 
 def to_spatial_pair(pair: object) -> HingePair:
-    """Check that an argument is one pair, planar or not, and return it as a pair in space.
+    """Return one pair, planar or not, as a pair in space; raise an ArgumentError for anything else.
 
     Raises:
         ArgumentError: the argument is no pair, or several pairs.
@@ -339,7 +348,9 @@ def to_spatial_pair(pair: object) -> HingePair:
 def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Check the arguments that say how the hinge starts or moves; return psi and psi' at the first instant."""
+    """Check the arguments that say how the hinge starts or moves, and return psi and psi' at the first instant. Raise
+    an ArgumentError if they cannot be used.
+    """
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
         return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
@@ -354,7 +365,8 @@ def _initial_hinge_motion(
 
 
 def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Check the start of body 1; return its R, S, v, omega, and psi and psi'. A base that moves as given needs none.
+    """Check base and start of body 1, and return R, S, v and omega of body 1, psi and psi'. Raise an ArgumentError if
+    they cannot be used. For a base that moves as given, R, v and omega are zeros and S is the identity.
 
     Raises:
         ArgumentError: base or body1 cannot be used; names it.
@@ -388,7 +400,7 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 
 
 def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
-    """Warn of angles and rates that look like degrees, and of inertias that look like another unit than kg m^2."""
+    """Issue a DynamicsWarning for angles and rates that look like degrees, and inertias that are hardly in kg m^2."""
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
     sentences += degree_suspicions("psid_0", np.array([start[5]]), rates=True)
@@ -405,7 +417,7 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
 
 
 def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
-    """Warn where psi [rad] leaves a limit that no stop guards: a stop that lies beyond its limit does not."""
+    """Issue a DynamicsWarning if psi [rad] exceeds a limit that has no stop at or before it."""
     lower = -np.inf if stops[0] >= limits[0] else limits[0]
     upper = np.inf if stops[1] <= limits[1] else limits[1]
     outside = np.flatnonzero((psi < lower) | (psi > upper))
@@ -416,15 +428,19 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 
 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a sentence on how far psi [rad] passes the stops; an empty text where that is less than 0.02 rad."""
+    """Return a clause that says by how much psi passes the stops [rad], from its lowest and highest value. Return an
+    empty text if that is at most 0.02 rad.
+    """
     depth = max(stops[0] - lowest, highest - stops[1])
     return (
-        f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_REPORTED_STOP_OVERRUN else ""
+        f"psi passes the stops by {depth:.3g} rad, for they are springs"
+        if depth > _MIN_REPORTED_STOP_OVERRUN_ANGLE
+        else ""
     )
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper: tolerance, number of load evaluations, breaks, and the user's event."""
+    """Options of a run of the stepper: tolerance, least number of load evaluations, breaks, and the user's event."""
 
     tol: float  # largest error of a step [rad]
     min_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
@@ -433,8 +449,8 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Step from t[0] to t[-1]; return records of the steps, and the time since t[0] at which `until` ended them, or
-    None. Raise a SimulationError where it cannot go on.
+    """Step from t[0] to t[-1]. Return records of the steps, and the time since t[0] at which `until` ended the
+    motion, or None. Raise a SimulationError if the stepper cannot go on.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
@@ -474,9 +490,9 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             if stepper.ended:
                 return records, stepper.t
             stepper.set_state(motion.restart_attitude(stepper.state))
-            if stepper.trials >= last_trials + _TRIALS_PER_PROGRESS_CHECK:
+            if stepper.trials >= last_trials + _TRIAL_STEPS_PER_PROGRESS_CHECK:
                 remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-                if remaining > _MAX_REMAINING_TRIALS:
+                if remaining > _MAX_REMAINING_TRIAL_STEPS:
                     reason = (
                         f"some {remaining:.0g} more steps would be needed; {_explain_failure(motion, start, stepper)}"
                     )
@@ -486,7 +502,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
 
 
 def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
-    """Compute the motion and the loads at instants, the first of which is the start, from the steps."""
+    """Compute motion and loads at instants t from the records of the steps; t[0] is the start of the first step."""
     states, quats, elapsed = np.empty((len(t), len(first_state))), np.empty((len(t), 4)), t - t[:1]
     sides, held, first = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
     if steps:
@@ -504,7 +520,7 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return a sentence for an error: which load jumps where a simulation cannot go on, and what to do."""
+    """Return text for an error: which load jumps at the present time and state of the stepper, and what to do."""
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "a load has no value, or the motion has no bound")
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
