@@ -38,7 +38,8 @@ class VariedNumber:
 
 
 def read_varied_number(table: Table, design: str) -> VariedNumber:
-    """Return the varied number that one table [[vary]] of a sweep file describes, for one of `DESIGN_NAMES`.
+    """Return the `VariedNumber` that one table [[vary]] of a sweep file describes, for one of `DESIGN_NAMES`. Raise a
+    SceneError if a key cannot be used.
 
     Raises:
         SceneError: a key is missing, unknown, or of another design; the message names it.
@@ -70,7 +71,9 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
 def _read_two_numbers(
     table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Return the numbers under two keys of a table; raise SceneError if the table has a key that is not allowed."""
+    """Return the numbers under two keys of a table. Raise a SceneError if a number is missing, or the table has a key
+    that is not allowed.
+    """
     for key in table.values:
         if key not in allowed_keys:
             table.refuse(key, f"nothing beside {', '.join(allowed_keys)}", "this key")
@@ -80,7 +83,8 @@ def _read_two_numbers(
 def design_values(
     table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
-    """Return the values of the varied numbers in every variant of a design; shape (variants, numbers).
+    """Return the values of the varied numbers in every variant of a design; shape (variants, numbers). Raise a
+    SceneError if they are too many, and a MissingDependencyError for a Sobol design without SciPy.
 
     In a grid, the last number changes fastest.
 
@@ -119,7 +123,9 @@ def design_values(
 
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
-    """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions). Errors name `table`."""
+    """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions). Raise a SceneError that names
+    `table` for too many dimensions, and a MissingDependencyError without SciPy.
+    """
     try:
         from scipy.stats.qmc import Sobol
     except ImportError as error:

@@ -35,12 +35,16 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.pair_table import READER_BY_BODY_KEY, construct_from_table
 from hingepair.scenes.tables import Table
 
-_MAX_MASS_PROPERTY: Final = 1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
+_MAX_CLEARLY_VALID_MASS_PROPERTY: Final = (
+    1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
+)
 _UPPER_TRIANGLE_INDICES: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # order of the second moments
 
 
 class _VariedProperty(NamedTuple):
-    """Mass property of a payload that is varied, and its column in the array of the varied numbers."""
+    """Mass property of a payload that is varied: its name, the index of its component, and the column of its values
+    in the array of the varied numbers.
+    """
 
     column: int
     name: str  # mass, center_of_mass or inertia
@@ -48,7 +52,7 @@ class _VariedProperty(NamedTuple):
 
 
 class _VariedPayload(NamedTuple):
-    """Payload of which some mass properties are varied.
+    """Payload of which some mass properties are varied: its body in the scene file, and the varied properties.
 
     Attributes:
         body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
@@ -80,10 +84,12 @@ class _VariedPayload(NamedTuple):
         return mass, centre, inertia * mass[:, None, None] if self.inertia_per_mass else inertia
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
-        """Return True if all variants have clearly valid mass properties; False means that a full check is needed."""
+        """Return True if all variants have clearly valid mass properties, False if some may be invalid. `numbers` are
+        the values of the varied numbers; shape (variants, numbers).
+        """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
-        if not (all(size < _MAX_MASS_PROPERTY for size in sizes) and (mass > 0).all()):
+        if not (all(size < _MAX_CLEARLY_VALID_MASS_PROPERTY for size in sizes) and (mass > 0).all()):
             return False
         if not any(number.name == "inertia" for number in self.varied):
             return True
@@ -91,7 +97,9 @@ class _VariedPayload(NamedTuple):
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
     def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        """Return mass, 3 first and 6 second moments about the link's origin, (variants,), in two doubles each."""
+        """Return a list of ten moments about the link's origin: mass, 3 first and 6 second moments. Each is a sum of
+        two arrays (variants,) of doubles.
+        """
         mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
         entries = [[Twofold(inertia[:, i, j]) for j in range(3)] for i in range(3)]
@@ -104,7 +112,8 @@ class _VariedPayload(NamedTuple):
 
 
 class PayloadVariantComputer:
-    """Computes the outputs of a robot's scene for many payloads, that differ in mass properties only, in one call.
+    """Computer of the outputs of a robot's scene for many variants in one call, which differ in mass properties of
+    payloads only.
 
     Args:
         scene: scene as its file describes it.
@@ -125,7 +134,8 @@ class PayloadVariantComputer:
         self._links = tuple(payloads)
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return instants [s] and outputs by name, (variants, samples, ...); None if a payload needs a full check.
+        """Return instants [s] and outputs by name, (variants, samples, ...). Return None if a payload may be invalid,
+        so that variants must be computed one by one.
 
         Args:
             numbers: values of the varied numbers; (variants, numbers).
@@ -148,12 +158,14 @@ class PayloadVariantComputer:
 
     @functools.cached_property
     def _result(self) -> MechanismSceneResult:
-        """Result of the scene as its file describes it; its motion is that of every variant."""
+        """Result of the scene as its file describes it, computed at first access; its motion is that of every
+        variant.
+        """
         return self._scene.evaluate(self._outputs)
 
     @functools.cached_property
     def _program(self) -> _PayloadForceProgram | None:
-        """Computation of the forces; None where no force is an output."""
+        """Program of the forces, made at first access; None if no force is an output."""
         forces = self._result.forces
         return (
             None if forces is None else _PayloadForceProgram(self._result, forces.outputs, self._robot, self._links)
@@ -195,7 +207,9 @@ class _PayloadForceProgram:
         self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
-        """Return a copy of a robot's constants in which each number that a payload changes is a program parameter."""
+        """Return a copy of the constants of a robot's program, in which each number that a payload changes is an
+        argument of the program instead.
+        """
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
         return replace(constants, form=form, numbers=parameters, bounds=(0.0,) * len(parameters), cache={})
@@ -205,7 +219,9 @@ class _PayloadForceProgram:
         return [column for column, known in enumerate(self._known) if known is None]
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the forces of all variants, (variants, samples, ...), from the ten mass moments of each payload."""
+        """Return the forces of all variants, (variants, samples, ...), from the ten `mass_moments` of each payload,
+        one payload after the other.
+        """
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
             total = exact
@@ -231,7 +247,8 @@ def payload_variant_computer(
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a computer of variants that differ in payload masses, centres or inertias only; None for others.
+    """Return a computer of variants that differ in masses, centres of mass or diagonal inertias of payloads only.
+    Return None if the keys vary anything else.
 
     Args:
         scene: scene as its file describes it.

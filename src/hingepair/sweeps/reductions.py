@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.results import column_names
 
 # By name, from values (variants, samples, components) and instants (samples,) to (variants, components).
-_REDUCTION_FUNCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
+_REDUCTION_FUNCTION_BY_NAME: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
     "min": lambda x, _: x.min(axis=1),
     "max": lambda x, _: x.max(axis=1),
     "absmax": lambda x, _: np.abs(x).max(axis=1),
@@ -26,7 +26,7 @@ _REDUCTION_FUNCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], 
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
-REDUCTION_NAMES: Final = (*_REDUCTION_FUNCTIONS, "q5", "q50", "q95")
+REDUCTION_NAMES: Final = (*_REDUCTION_FUNCTION_BY_NAME, "q5", "q50", "q95")
 """Names of reductions; of the quantiles, examples.
 
 A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it makes it the first such instant.
@@ -37,16 +37,17 @@ _QUANTILE_NAME_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
 def is_reduction(name: object) -> bool:
-    """Return whether a value names a reduction: one of `REDUCTION_NAMES`, or a quantile in percent such as q2.5."""
+    """Return whether an object is the name of a reduction: one of `REDUCTION_NAMES`, or any quantile such as q2.5."""
     return isinstance(name, str) and (
-        name in _REDUCTION_FUNCTIONS or _QUANTILE_NAME_PATTERN.fullmatch(name) is not None
+        name in _REDUCTION_FUNCTION_BY_NAME or _QUANTILE_NAME_PATTERN.fullmatch(name) is not None
     )
 
 
 def reduce_arrays(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
 ) -> dict[str, Float64Array]:
-    """Return the reductions of every component over the instants, by column name such as R2_x_max; (variants,) each.
+    """Return a dict of the reductions of every component over the instants, arrays (variants,), by column name such
+    as R2_x_max.
 
     Args:
         t: the instants [s]; shape (samples,).
@@ -61,5 +62,5 @@ def reduce_arrays(
         if quantile:
             reduced[reduction] = np.quantile(flat, float(quantile[1]) / 100, axis=1)
         else:
-            reduced[reduction] = _REDUCTION_FUNCTIONS[reduction](flat, t)
+            reduced[reduction] = _REDUCTION_FUNCTION_BY_NAME[reduction](flat, t)
     return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

@@ -26,7 +26,8 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Store:
-    """Results of a sweep on disk: first a file for each finished chunk, at the end the store, which replaces them.
+    """Results of a sweep on disk: first a file for each finished chunk, at the end the store, which replaces these
+    files. The constructor makes their folder, or raises an ArgumentError.
 
     While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes.
 
@@ -62,20 +63,23 @@ class Store:
         return [chunk for chunk in range(chunk_count) if not self._part(chunk).exists()]
 
     def add(self, chunk: int, columns: Columns) -> None:
-        """Write the results of a finished chunk to its file, completely or not at all."""
+        """Write the columns of a finished chunk, by name, to the file of the chunk, completely or not at all."""
         with whole_file(self._part(chunk)) as file:
             arrays: dict[str, Any] = dict(columns)
             np.savez(file, **arrays)
 
     def finish(self, chunk_count: int, chunk_size: int) -> None:
-        """Write the store from the files of all chunks, and delete the folder of these files."""
+        """Write the store from the files of all chunks, and delete the folder of these files. Raise an ArgumentError
+        if a file cannot be read or written.
+        """
         write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
         with _convert_os_errors(self.path):
             write(self, chunk_count, chunk_size)
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the columns of a finished chunk by name, read from its file.
+        """Return the columns of a finished chunk by name, read from its file. Raise an ArgumentError if it is
+        damaged.
 
         Raises:
             ArgumentError: `out`: the file of the chunk is damaged.
@@ -94,7 +98,7 @@ class Store:
 
 @contextlib.contextmanager
 def _convert_os_errors(path: Path) -> Iterator[None]:
-    """Raise an ArgumentError about `out`, which names the path, instead of an OSError in the `with` block."""
+    """Return a context manager that turns an OSError in its block into an ArgumentError about `out`."""
     try:
         yield
     except OSError as error:
@@ -104,7 +108,8 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
 
 
 def check_packages(path: Path) -> None:
-    """Check that Dask and the package that writes a store of this file ending are installed.
+    """Raise a MissingDependencyError unless Dask and the package that writes a store with the suffix of `path` are
+    installed.
 
     Raises:
         MissingDependencyError: a package is not installed; the message names it.
@@ -115,7 +120,9 @@ def check_packages(path: Path) -> None:
 
 
 def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
-    """Write the store as a Parquet file: a row for each variant (and instant), a row group for each chunk."""
+    """Write the store as a Parquet file from the files of its chunks: a row group for each chunk, and a row for each
+    variant, or for each variant and instant.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -131,7 +138,8 @@ def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
 
 
 def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return one-dimensional columns of scalars by name such as R2_x, with a row for each variant and instant.
+    """Return the columns of a chunk as one-dimensional columns of scalars, by name such as R2_x. Each has a row for
+    each variant and instant.
 
     Where the results have no instants, each row is a variant.
     """
@@ -155,7 +163,9 @@ def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
 
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
-    """Write the store as a Zarr group of arrays; their first axis counts variants, their second instants."""
+    """Write the store as a Zarr group of arrays from the files of its chunks. The first axis of an array counts
+    variants, the second counts instants.
+    """
     import zarr
 
     unfinished = store.parts / "store.zarr"

@@ -30,9 +30,9 @@ from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_
 
 # Keys that the file of a sweep may have.
 _SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
-_SCENE_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
+_SCENE_ONLY_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_DEFAULT_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
-_STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
+_MAX_STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
 _CONNECTION_TIMEOUT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
 
 Progress = Callable[[int, int], None]
@@ -78,7 +78,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SweepTask:
-    """Part of a sweep that is sent to workers; it can be pickled.
+    """Part of a sweep that is sent to workers, as plain text and names: scene, varied keys, outputs and reductions.
 
     Attributes:
         path: path of the scene file.
@@ -96,13 +96,14 @@ class SweepTask:
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file, and compute its first variant as a check. docs/scenes.md describes the format.
+    """Read a sweep from a TOML file, and compute its first variant as a check. Raise a SceneError if the file cannot
+    be used. docs/scenes.md describes the format.
 
     Raises:
         SceneError: the file cannot be read as a sweep; the message names file, table and key.
     """
     table = read_tables(path)
-    if "scene" not in table.values and not _SCENE_TABLE_NAMES.isdisjoint(table.values):
+    if "scene" not in table.values and not _SCENE_ONLY_TABLE_NAMES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_SWEEP_FILE_KEYS)
     scene_path = Path(path).parent / table.text("scene")
@@ -143,7 +144,7 @@ def load_sweep(path: str | Path) -> Sweep:
                 f"{_variant_text(task, 0, numbers[0])}: {error.name}", error.expected, error.got
             ) from None
     if chunk_size is None:
-        states_limit = max(len(numbers) // _MAX_DEFAULT_CHUNKS, _STATES_PER_CHUNK // first.samples)
+        states_limit = max(len(numbers) // _MAX_DEFAULT_CHUNKS, _MAX_STATES_PER_CHUNK // first.samples)
         chunk_size = max(1, min(-(-len(numbers) // 4), states_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
@@ -157,7 +158,9 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
-    """Return the integer under a key of a table, None if the key is missing; raise SceneError if it is too small."""
+    """Return the integer under a key of a table, or None if the key is missing. Raise a SceneError if the value is
+    not an integer from `minimum` to 10 million.
+    """
     value = table.values.get(key)
     if value is None:
         return None
@@ -167,7 +170,9 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
-    """Return the names in the list under a key of a table, without repetitions; None if the key is missing."""
+    """Return the names in the list under a key of a table, without repetitions, or None if the key is missing. Raise
+    a SceneError if the value is not a list of names.
+    """
     value = table.values.get(key)
     if value is None:
         return None
@@ -177,7 +182,9 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
-    """Return JSON text of all that the results of a sweep depend on; equal texts mean that chunks can be reused."""
+    """Return JSON text of all that the results of a sweep depend on. Chunks of a sweep with equal text can be reused.
+    `data_files` are read, and enter as digests.
+    """
     from hingepair import __version__
 
     digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in data_files}
@@ -198,7 +205,8 @@ def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data
 def run_sweep(
     sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
 ) -> Path:
-    """Compute all variants of a sweep that are not stored yet, write its store, and return the path of the store.
+    """Compute all variants of a sweep that are not stored yet, write the store, and return its path `out`. Raise an
+    ArgumentError if that fails; finished chunks are kept, and the next call continues from them.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -222,12 +230,14 @@ def run_sweep(
 
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
-    """Compute the chunks that a store lacks, on threads or, with a Dask client, on its cluster; write the store."""
+    """Compute the chunks that a store lacks, on `workers` threads or, if `client` is a Dask client, on its cluster.
+    Write the store at the end. After an error add a note about the chunks that are kept.
+    """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
 
     def store_chunk(chunk_index: int, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write the columns of a finished chunk to the store, and call `progress`."""
+        """Write the columns of a finished chunk to the store, and call `progress` with the numbers of chunks."""
         store.add(chunk_index, columns)
         with lock:
             done = next(finished)
@@ -254,7 +264,9 @@ ChunkWriter = Callable[[int, Mapping[str, NDArray[Any]]], None]
 def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
-    """Compute chunks on threads of this process, and call `store_chunk` with the index and the columns of each."""
+    """Compute chunks on threads of this process, and call `store_chunk` with the index and the columns of each chunk.
+    Raise the error of a chunk that cannot be computed.
+    """
     import dask
 
     def compute_and_store(chunk_index: int) -> None:
@@ -274,7 +286,8 @@ def _compute_on_threads(
 
 
 def _connect(scheduler_address: str) -> Any:
-    """Return a Dask client that is connected to the scheduler at an address.
+    """Return a Dask client that is connected to the scheduler at an address. Raise an ArgumentError if it does not
+    answer, and a MissingDependencyError without distributed.
 
     Raises:
         ArgumentError: the scheduler does not answer.
@@ -293,9 +306,10 @@ def _connect(scheduler_address: str) -> Any:
 
 
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
-    """Compute chunks on the workers of a Dask cluster, and call `store_chunk` with index and columns of each.
+    """Compute chunks on the workers of a Dask cluster, and call `store_chunk` with the index and the columns of each
+    chunk. Warn if the cluster has no worker yet. Raise the error of a chunk that cannot be computed.
 
-    A chunk whose worker dies is computed by another worker. Warn if the cluster has no worker yet.
+    A chunk whose worker dies is computed by another worker.
     """
     from distributed import as_completed
 
@@ -331,7 +345,9 @@ def _key(sweep: Sweep) -> str:
 
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
-    """Return the exception to raise for an exception of a worker; its message or a note to it names the chunk."""
+    """Return the exception to raise for an error of a worker, which names the chunk by `chunk_text`: the same
+    exception, with a note if its message has no name, or an ArgumentError.
+    """
     if isinstance(error, ArgumentError):
         return error
     if isinstance(error, HingePairError | MemoryError):
@@ -343,7 +359,8 @@ def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
 def compute_chunk(
     task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> dict[str, NDArray[Any]]:
-    """Compute the variants of one chunk of a sweep, and return its columns by name.
+    """Compute the variants of one chunk of a sweep, and return the columns of the chunk by name. Raise an
+    ArgumentError that names a variant that cannot be computed.
 
     Args:
         task: what to compute for each variant.
@@ -359,7 +376,7 @@ def compute_chunk(
         ArgumentError: a variant cannot be computed; the message names it.
     """
     computer = _variant_computer(task)
-    step = max(1, _STATES_PER_CHUNK // computer.samples)
+    step = max(1, _MAX_STATES_PER_CHUNK // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
     with compile_at_first_call():
         for start in range(0, len(numbers), step):
@@ -381,7 +398,9 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time; yield the result columns of each. Arguments are those of `compute_chunk`."""
+    """Compute variants one at a time, and yield the columns of each by name. Raise an ArgumentError that names a
+    variant that cannot be computed. `first_variant` is the index of the first one in the sweep.
+    """
     for i, row in enumerate(numbers):
         try:
             t, arrays = computer.compute(row)
@@ -398,7 +417,8 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
 
 
 def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask) -> dict[str, NDArray[Any]]:
-    """Return the columns to store by name: reductions, (variants,), or "t" and outputs, (variants, samples, ...).
+    """Return by name the columns to store for some variants: reductions, (variants,), or, if the task has none, "t"
+    and the outputs, (variants, samples, ...).
 
     Args:
         t: instants [s]; (samples,).
@@ -411,12 +431,12 @@ def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: S
     return {"t": np.broadcast_to(t, (count, len(t))), **arrays}
 
 
-_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
+_VARIANT_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
 
 
 def _variant_computer(task: SweepTask) -> VariantComputer:
     """Return the computer of a task's variants, which each process makes once and keeps."""
-    with _COMPUTER_CACHE_LOCK, compile_at_first_call():
+    with _VARIANT_COMPUTER_CACHE_LOCK, compile_at_first_call():
         return _cached_variant_computer(task)
 
 

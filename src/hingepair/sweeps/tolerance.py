@@ -27,7 +27,7 @@ POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
 _MAX_STUDY_INSTANTS: Final = 101  # of a scene, evenly spread
-_STATES_PER_BLOCK: Final = 200_000  # states of sampled pairs that are computed at a time
+_MAX_SAMPLED_STATES_PER_BLOCK: Final = 200_000  # states of sampled pairs that are computed at a time
 _BAND_QUANTILES: Final = (0.025, 0.975)  # ends of the band
 _BAND_HALF_WIDTH_IN_STD: Final = 1.96  # half the width of that band of a normal distribution, in standard deviations
 
@@ -83,7 +83,8 @@ class ToleranceStudy(Frozen, Shown):
     tolerances: Mapping[str, Any]
 
     def shares(self) -> dict[str, tuple[float, float]]:
-        """Return by dimension the fractions, 0 to 1, that it causes of the variances of R2 and of the attitude.
+        """Return, by name of the dimension, the two fractions (0 to 1) of the variances of R2 and of the attitude
+        that the dimension causes.
 
         The variances are means over the instants. The dimension with the largest fraction comes first; dimensions
         without scatter are left out.
@@ -97,7 +98,9 @@ class ToleranceStudy(Frozen, Shown):
         return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
     def bands(self) -> list[Band]:
-        """Return the `Band` of each component at the instant of its largest first-order standard deviation."""
+        """Return a list of the `Band` of each component, at the instant of its largest first-order standard
+        deviation.
+        """
         rows = []
         for k, name in enumerate(POSE_COMPONENT_NAMES):
             i = int(np.argmax(self.std[:, k]))
@@ -133,6 +136,7 @@ class ToleranceStudy(Frozen, Shown):
 
     def plot(self) -> Figure:
         """Return a Matplotlib figure: the bands over time, first order and sampled, and the shares of each dimension.
+        Raise a MissingDependencyError without Matplotlib.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -184,7 +188,8 @@ class ToleranceStudy(Frozen, Shown):
 
 
 def read_tolerances(scene: Scene) -> dict[str, Any]:
-    """Return the standard deviations in the table [tolerances] of a scene, by argument name of `sample_pairs`.
+    """Return the standard deviations in the table [tolerances] of a scene, by argument name of `sample_pairs`; none
+    if there is no table. Raise a SceneError for a key or a value that cannot be used.
 
     Raises:
         SceneError: a key is unknown, or a value is neither a number nor a list of three (for the axis: not a number).
@@ -201,6 +206,7 @@ def study_tolerances(
     scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
 ) -> ToleranceStudy:
     """Return a `ToleranceStudy`: the scatter of body 2's pose along a scene, to first order and by sampled pairs.
+    Raise an ArgumentError if there are no standard deviations.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.
@@ -225,7 +231,7 @@ def study_tolerances(
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
     mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
     sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
-    step = max(1, _STATES_PER_BLOCK // samples)
+    step = max(1, _MAX_SAMPLED_STATES_PER_BLOCK // samples)
     for start in range(0, len(t), step):
         part = slice(start, start + step)
         some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across

@@ -35,11 +35,12 @@ PAIR_FORCE_OUTPUT_NAMES: Final = ("hinge_torque", "bearing_torque", "hinge_force
 # One part of the path to a number of a scene: a key, then indices in brackets.
 _VARY_KEY_PART_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
-_GEOMETRY_AND_MASS_KEYS: Final = ("u1", "u2", "n", "home", "body1", "body2")
+_JOINT_GEOMETRY_AND_MASS_KEYS: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
 
 class CachedMotion:
-    """Motion of a scene that computes each requested part once and keeps it for the scenes of all variants.
+    """Motion of a scene for the scenes of all variants: a part of it that is a slice of the instants is computed once
+    and kept.
 
     Args:
         motion: the motion whose parts are kept.
@@ -53,7 +54,9 @@ class CachedMotion:
         self._parts: dict[Any, Any] = {}
 
     def part(self, rows: Any, order: int) -> Any:
-        """Return the motion at some instants, with derivatives up to `order`; keep it if `rows` is a slice."""
+        """Return the motion at the instants `rows`, a slice or an array of indices, with derivatives up to `order`.
+        Cache the result if `rows` is a slice.
+        """
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
             part = self._motion.part(rows, order)
@@ -64,7 +67,8 @@ class CachedMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Return the path of keys and list indices that a text means: "pair.u1[0]" is ("pair", "u1", 0).
+    """Return the path of keys and list indices that a text means: "pair.u1[0]" is ("pair", "u1", 0). Raise a
+    SceneError that names `table` if the text is not of this form.
 
     Raises:
         SceneError: the text is not of this form; the message names `table`.
@@ -80,7 +84,8 @@ def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
 
 
 def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[str | int]) -> None:
-    """Check that a path of keys and list indices leads to a number, or an expression, in the values of a scene file.
+    """Raise a SceneError that names `table` unless the path `steps` of keys and list indices leads to a number, or to
+    an expression, in the values of a scene file.
 
     Raises:
         SceneError: the path leads elsewhere; the message names `table` and the step of the path that fails.
@@ -101,7 +106,8 @@ def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[s
 
 
 class VariantComputer:
-    """Computes the outputs of a scene for any values of its varied numbers; what they do not change is computed once.
+    """Computer of the outputs of a scene for any values of the varied numbers; what these do not change is computed
+    once and kept.
 
     Args:
         path: path of the scene file.
@@ -147,7 +153,8 @@ class VariantComputer:
         self.samples = self._scene.samples
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-        """Return the instants [s], (samples,), and the outputs of one variant by name, (samples, ...).
+        """Return the instants [s], (samples,), and the outputs of one variant by name, (samples, ...). Raise an
+        ArgumentError if the variant cannot be computed.
 
         Args:
             numbers: values of the varied numbers; shape (numbers,).
@@ -161,7 +168,8 @@ class VariantComputer:
         return _compute_pair_outputs(scene, self._outputs)
 
     def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return instants [s] and outputs by name, (variants, samples, ...); None where one-at-a-time is needed.
+        """Return the instants [s] and the outputs of many variants by name, (variants, samples, ...). Return None if
+        variants must be computed one by one.
 
         Args:
             numbers: values of the varied numbers; (variants, numbers).
@@ -169,7 +177,9 @@ class VariantComputer:
         return None if self._payload_computer is None else self._payload_computer.compute(numbers)
 
     def _scene_of_variant(self, numbers: Float64Array) -> Scene | MechanismScene:
-        """Return the scene in which the varied numbers have the given values; shape (numbers,)."""
+        """Return a copy of the scene in which the varied numbers have the values `numbers`; shape (numbers,). Raise a
+        SceneError if that is no scene.
+        """
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
             values[str(root)] = copy.deepcopy(values[str(root)])
@@ -192,7 +202,8 @@ class VariantComputer:
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return the values of table [pair] with numbers for expressions, but for varied keys and superfluous shapes.
+    """Return a copy of the values of table [pair] with numbers in place of expressions, except under varied keys, and
+    without superfluous shapes of bodies.
 
     The shapes of a body whose inertia is in the table do not determine its masses; they are left out unless varied.
     """
@@ -209,10 +220,12 @@ def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | i
 
 
 def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
-    """Return whether the motion of a scene is the same whatever values the numbers under the varied keys have."""
+    """Return whether the motion of a scene does not depend on the numbers under the varied keys."""
     if isinstance(scene, Scene):
         return scene.motion.simulated is None and all(steps[0] == "pair" for steps in keys)
-    of_joints = all(steps[0] == "joint" and steps[2] in _GEOMETRY_AND_MASS_KEYS for steps in keys if len(steps) > 2)
+    of_joints = all(
+        steps[0] == "joint" and steps[2] in _JOINT_GEOMETRY_AND_MASS_KEYS for steps in keys if len(steps) > 2
+    )
     payload = all(steps[:2] == ("mechanism", "payload") for steps in keys)
     return payload or (of_joints and all(steps[0] == "joint" for steps in keys))
 
@@ -220,7 +233,9 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
 def _compute_pair_outputs(
     scene: Scene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return instants [s] and outputs by name, forces included; None for `outputs` means all of the motion."""
+    """Return instants [s] and outputs by name of a pair's scene, forces included. None for `outputs` means all
+    outputs of the motion. Raise an error for an output that the scene does not have.
+    """
     force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
     motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
     known = (*scene.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES, *PAIR_FORCE_OUTPUT_NAMES)
@@ -245,5 +260,5 @@ def _compute_pair_outputs(
 def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return instants [s] and outputs by name of a robot's scene; None for `outputs` means all of them."""
+    """Return instants [s] and outputs by name of a robot's scene; None for `outputs` means all that the scene has."""
     return scene.t, scene.evaluate(outputs).requested_arrays()
