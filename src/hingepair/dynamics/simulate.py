@@ -83,9 +83,11 @@ class _SimulatedMotionBase:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated error of body 1's attitude or angle phi at the worst instant [rad]. At the first access it is
-        computed by a second run. The estimate is 0 where the base is fixed or moves as given; for the error of psi,
-        see `psi_error_estimate`. The second run has a thousandth of the tolerance, and gives both estimates.
+        """Estimated error of body 1's attitude or angle phi, not psi, at the worst instant [rad], computed by a
+        second run at first access. The estimate is 0 where the base is fixed or moves as given.
+
+        For the error of psi, see `psi_error_estimate`. The second run has a thousandth of the tolerance, and gives
+        both estimates.
         """
         return self._error()
 

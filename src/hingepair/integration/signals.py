@@ -88,7 +88,8 @@ class CallableSignal:
 
 
 class SampledSignal:
-    """Signal of samples (N,) or (N, k) at instants, interpolated by polynomials through the nearest samples.
+    """Signal of samples (N,) or (N, k) of one or of many motions, interpolated by polynomials through the nearest
+    samples.
 
     Only differences of neighbouring instants enter, so that stamps since 1970 are not rounded again.
     """
@@ -200,7 +201,9 @@ def object_array(shape: tuple[int, ...], values: Sequence[Any]) -> NDArray[np.ob
 
 
 def stack_signals(signals: Sequence[Signal]) -> Signal:
-    """Return one signal of M motions from their signals, all of one kind: shape (M,), or () if all are one signal."""
+    """Return one signal that has the values of M signals of one kind, constants or samples, for M motions. If all are
+    the same object, return that signal.
+    """
     first = signals[0]
     if all(signal is first for signal in signals):
         return first
