@@ -988,8 +988,8 @@ FAULTS = {
     ),
     "noise taken for an arc": Fault(
         "measured/circle.py",
-        "_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 3.0",
-        "_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 0.0",
+        "_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0",
+        "_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 0.0",
         "measured/test_points.py::test_what_is_no_circle_is_said[little turning]",
     ),
     "biases of gyroscopes taken for known": Fault(
@@ -1066,7 +1066,7 @@ FAULTS = {
     ),
     "gross outliers that count": Fault(
         "measured/likelihood.py",
-        "gross = sizes > _MAX_COUNTED_SIZE",
+        "gross = sizes > _MAX_COUNTED_SQUARED_RESIDUAL",
         "gross = sizes > np.inf",
         "measured/test_fit.py::test_outliers_that_agree_with_each_other_are_survived[swapped-soft_l1]",
     ),

@@ -34,23 +34,24 @@ from hingepair.measured.likelihood import (
 from hingepair.measured.relative_poses import MAX_CANDIDATE_RANKING_SAMPLES, RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
-_TRIPLES, _ROUGH_TRIPLES = 300, 60  # of samples, each of which gives a circle; where clock offsets are compared
+# Random triples of samples, each of which determines a circle; the second number where clock offsets are compared.
+_NUM_SAMPLE_TRIPLES = 300
+_NUM_ROUGH_SAMPLE_TRIPLES = 60
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
 # Limit on the number of samples that no recording reaches.
 _UNLIMITED_SAMPLE_COUNT = 2**62
-_MAX_CIRCLE_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
+_MAX_CIRCLE_STEPS = 60
+_NUM_ROUGH_CIRCLE_STEPS = 6  # where clock offsets are compared
 # Turn of the axis [rad]; shift of the centre and change of the radius, divided by the diameter.
 _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP = 0.3
 _MAX_CONVERGED_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
-_CIRCLE_LOSS_SCALE, _GROSS_SIZE = (
-    5.99,
-    900.0,
-)  # of squares, in variances, at which losses bend and samples stop to count
-_MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH = 3.0  # extents of the path across its chord: in its plane and out of it
+_CIRCLE_LOSS_SCALE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
+_MAX_COUNTED_SQUARED_DISTANCE_IN_VARIANCES = 900.0  # above, samples do not count
+_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # extents of the path across its chord: in its plane and out of it
 _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS = 0.02  # of residuals that are not noise: a hinge is still reported below this
 _MAX_RESAMPLING_ERROR_TO_RADIUS = 1e-6  # of exact samples moved to other instants
-_MAX_CONVERGED_OFFSET_STEP = 1e-6  # of the clock offset [s]
+_MAX_CONVERGED_CLOCK_OFFSET_STEP = 1e-6  # of the clock offset [s]
 _CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences of the results
 
 
@@ -87,9 +88,9 @@ class Circle(NamedTuple):
 
 
 class CircleFit(NamedTuple):
-    """The most likely circle of a moving point, with the residuals and weights of every sample, the noise,
-    findings, the covariance of the hinge that follows from the circle, and the clock offset with its standard
-    deviation.
+    """The most likely circle of a moving point, with the relative poses used, the residuals and weights of every
+    sample, the noise, findings, the covariance of the hinge that follows from the circle, the normal matrix, and
+    the clock offset with its standard deviation.
     """
 
     circle: Circle
@@ -107,7 +108,8 @@ class CircleFit(NamedTuple):
 
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
         """Return whether the motion determines the clock offset: whether the residuals depend on the offset far
-        more than they would by noise alone. The derivatives of `noise_poses` by the offset are such noise.
+        more than they would by noise alone. The derivatives of `noise_poses` with respect to the offset are such
+        noise.
         """
         k = _NUM_CIRCLE_PARAMETERS
         across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]
@@ -121,9 +123,9 @@ class CircleFit(NamedTuple):
 def fit_circle(
     poses: RelativePoses, loss: Loss | None, gauge: str, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> CircleFit:
-    """Fit the most likely circle to the path of a point of body 2, seen from body 1; return a CircleFit. Where
-    `poses_at` is given, estimate the clock offset too, with `offset` as its first value. Raise FitError where the
-    samples show no circle.
+    """Fit the most likely circle to the path of a point of body 2, seen from body 1; return a CircleFit. If
+    `poses_at`, a function of the clock offset, is given, estimate the offset too, with `offset` as its first value.
+    Raise FitError where the samples show no circle.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -156,7 +158,7 @@ def fit_circle(
                 delay = float(step[_NUM_CIRCLE_PARAMETERS])
                 offset += share * delay
                 some = poses_at(offset, most)
-                least = _MAX_RESAMPLING_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_OFFSET_STEP else 0.0
+                least = _MAX_RESAMPLING_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
             has_converged = bool(step @ normal @ step <= _MAX_CONVERGED_STEP_IN_STDS**2 * variance or turn < least)
             if has_converged:
                 break
@@ -195,7 +197,7 @@ def fit_circle(
     good = some.p.T[(weights > 0) & ~outliers]
     widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
     if (
-        widths[1] < _MIN_IN_PLANE_TO_OUT_OF_PLANE_WIDTH * widths[2]
+        widths[1] < _MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]
         and neighbour_correlations.max() <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
@@ -220,11 +222,11 @@ def circle_misfit(poses: RelativePoses) -> float:
     """Return how badly a circle fits the positions of a point: the logarithm of the median squared distance [m^2]
     from the best circle found in a few steps. Raise FitError for fewer than four samples or samples on a line.
     """
-    circle = _circle_of_random_triples(poses.p.T, _ROUGH_TRIPLES)
-    for _ in range(_ROUGH_STEPS):
+    circle = _circle_of_random_triples(poses.p.T, _NUM_ROUGH_SAMPLE_TRIPLES)
+    for _ in range(_NUM_ROUGH_CIRCLE_STEPS):
         rest, change = _residuals_and_derivatives(circle, poses._replace(rates=None))
         size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300
-        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_CIRCLE_LOSS_SCALE * size * size))
+        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_CIRCLE_LOSS_SCALE_IN_VARIANCES * size * size))
         normal = np.einsum("n,nij,nik->jk", weights, change, change)
         step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, change, rest))
         turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
@@ -245,7 +247,11 @@ def _variance_and_weights(
         return float(sample_weights @ squares) / (2 * float(sample_weights.sum())), sample_weights
     variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2]
     sizes = sample_weights * squares / max(variance, 1e-300)
-    return variance, np.where(sizes > _GROSS_SIZE, 0.0, sample_weights * loss(sizes / _CIRCLE_LOSS_SCALE)[0])
+    return variance, np.where(
+        sizes > _MAX_COUNTED_SQUARED_DISTANCE_IN_VARIANCES,
+        0.0,
+        sample_weights * loss(sizes / _CIRCLE_LOSS_SCALE_IN_VARIANCES)[0],
+    )
 
 
 def _results(circle: Circle, gauge: str) -> Float64Array:
@@ -275,7 +281,7 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
     return np.stack((z, size - circle.radius), axis=-1), change
 
 
-def _circle_of_random_triples(p: Float64Array, num_triples: int = _TRIPLES) -> Circle:
+def _circle_of_random_triples(p: Float64Array, num_triples: int = _NUM_SAMPLE_TRIPLES) -> Circle:
     """Return the circle with the least median distance from the samples, among the circles through `num_triples`
     random triples of samples. Raise FitError for fewer than four samples, or where all triples are on lines.
     """

@@ -28,7 +28,8 @@ from hingepair.rotations.matrices import rotation_exp, skew
 _MAX_SAMPLE_SHIFT_IN_TIME_STEPS = 0.75
 _MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
 _MAX_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
-_MAX_SCANNED_OFFSET, _MAX_SCANNED_SHARE = 0.5, 0.25  # [s], and in parts of the recording
+_MAX_SCANNED_OFFSET = 0.5  # [s]
+_MAX_SCANNED_OFFSET_TO_DURATION = 0.25  # of the recording
 _OFFSET_SCAN_STEP_TO_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_OFFSET_IN_TIME_STEPS = 0.05  # of the usual step
@@ -82,8 +83,8 @@ class ClockedPoses:
         return rows[is_usable], near[is_usable], shift[is_usable]
 
     def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the relative poses at a clock offset, with their derivatives with respect to the offset. With
-        `max_samples`, use at most about that many samples, evenly thinned.
+        """Return the relative poses at a clock offset, with their derivatives with respect to the offset. If
+        `max_samples` is given, the samples are thinned evenly to at most that many.
         """
         rows, near, shift = self._matched(offset, max_samples)
         v, omega, a, alpha = self._rates[:, near]
@@ -111,8 +112,8 @@ class ClockedPoses:
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return relative poses whose derivatives with respect to the clock offset are random numbers. These
-        numbers are as large as the noise in the derivatives that `poses_at` returns.
+        """Return relative poses whose derivatives with respect to the clock offset are random numbers (fixed
+        seed). These numbers are as large as the noise in the derivatives that `poses_at` returns.
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
@@ -127,8 +128,9 @@ class ClockedPoses:
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
-        """Return the relative poses of body 2 at the samples `body1_rows` of body 1. The derivatives of the poses
-        with respect to the clock offset are computed from v and omega, the velocities of body 2.
+        """Return the relative poses of body 2, with poses R2 and S2, at the samples `body1_rows` of body 1. The
+        derivatives of the relative poses with respect to the clock offset are computed from v and omega, the
+        velocities of body 2.
         """
         samples = self._samples
         S1 = samples.S1[body1_rows]
@@ -142,8 +144,8 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset. The list is empty where the offset is
-        below a twentieth of the time step.
+        """Return a list with one sentence that states the clock offset. The list is empty where the size of the
+        offset is below a twentieth of the median time step.
         """
         if abs(offset) < _MIN_MENTIONED_OFFSET_IN_TIME_STEPS * self._step:
             return []
@@ -163,14 +165,14 @@ class ClockedPoses:
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
         """Scan clock offsets and return the one with the least misfit [s]: the local minimum near 0, unless a distant
-        offset is clearly better. `misfit` is a function that returns minus the logarithm of the likelihood of
-        relative poses.
+        offset is clearly better. `misfit` is a function of RelativePoses that returns minus the logarithm of their
+        likelihood.
 
         Args:
             misfit: minus the logarithm of the likelihood of a sample of the poses at an offset.
         """
         length = float(self._t[-1] - self._t[0])
-        span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_SHARE * length)
+        span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_OFFSET_TO_DURATION * length)
         count = int(
             np.clip(
                 np.ceil(span / max(_OFFSET_SCAN_STEP_TO_TIME_SCALE * self.time_scale, self._step / 2)),

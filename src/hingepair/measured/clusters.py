@@ -11,7 +11,7 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
-_MAX_PLACE_REFINEMENT_ROUNDS = 60  # of poses by the markers' places in the body, and of these places by the poses
+_MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
 _MIN_RELATIVE_DECREASE_OF_SQUARED_DISTANCES = 1e-6  # in a round, above which another round follows
 # Markers in a sample from which it has an attitude.
 _MIN_MARKERS_PER_SAMPLE = 3
@@ -24,7 +24,8 @@ _ROUNDING_DISTANCE_TO_CLUSTER_SIZE = 1e-9  # distances from the places that roun
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ClusterFit:
     """The result of `fit_cluster`: the motion of a body that carries a rigid cluster of markers, the places of the
-    markers on the body, the distances of the markers from these places, the noise, and whether the cluster is rigid.
+    markers on the body, the distances of the markers from these places, the noise, whether the cluster is rigid
+    (`ok`), and findings.
 
     Attributes:
         body: the motion: R, the mean of the cluster's markers, and S; NaN where fewer than three markers are seen;
@@ -167,7 +168,7 @@ def _fit_poses_and_places(
     """
     axes = None
     before = np.inf
-    for _ in range(_MAX_PLACE_REFINEMENT_ROUNDS if refine_places else 1):
+    for _ in range(_MAX_MARKER_PLACE_REFINEMENT_ROUNDS if refine_places else 1):
         R, S, off = _kabsch_poses(places, is_seen, cluster)
         axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
         total = float((off**2).sum())
@@ -190,8 +191,8 @@ def _fit_poses_and_places(
 def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
-    """Return a list with one sentence on the marker that moved against the others, or on several markers of which
-    one moved. The list is empty where the cluster is rigid.
+    """Return a list with one sentence on the marker that moved relative to the others, or on several markers of
+    which one moved. The list is empty where the cluster is rigid.
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:

@@ -32,8 +32,10 @@ MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL = 50.0
 # Residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains.
 _MAX_RELATIVE_ROUNDING_RESIDUAL = 1e-12
 _MAX_MISTAKE_TRIAL_SAMPLES = 400  # samples that mistakes are tried with
-_MAX_MISTAKE_MISFIT_RATIO, _MAX_MISTAKE_MISFIT = 0.2, 0.1
-"""Misfit that a cause may leave, in parts of that without it, and at all [rad, parts of the bodies' distance]."""
+_MAX_CORRECTED_TO_ORIGINAL_MISFIT = 0.2
+"""Misfit after the correction of a probable mistake, divided by the misfit before."""
+_MAX_CORRECTED_MISFIT = 0.1
+"""Misfit after the correction of a probable mistake [rad, parts of the bodies' distance]."""
 # Motion of the hinge point that is not random: a hinge is still reported below this.
 _MAX_PLAY_TO_LEVER_LENGTH = 0.02
 MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
@@ -92,7 +94,7 @@ def judge_hinge(
 ) -> list[Finding]:
     """Return a list of findings on a fitted hinge: outliers, a tilting axis, a moving hinge point, large standard
     deviations, steps that did not converge, and correlated residuals. Findings that make the hinge unreliable come
-    first.
+    first. Later checks are left out after serious outliers or a serious tilt.
     """
     every = slice(None, None, -(-poses.samples // _MAX_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
@@ -168,8 +170,9 @@ def _outlier_findings(
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a list with one finding where the bodies do not turn about one fixed axis, or only roughly. The list
-    is empty where they do. `turning` is the rms scatter of the hinge angle [rad].
+    """Return a list with one finding on the tilt between the hinge axes of both bodies, which says what joint the
+    motion shows if it is no hinge. The list is empty where the tilt is small. `turning` is the rms scatter of the
+    hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
@@ -223,8 +226,8 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with one finding where no point of the axis stays fixed in both bodies, as with a sliding
-    hinge. The list is empty where one does.
+    """Return a list with one finding on the motion of the hinge point in the bodies, such as that of a sliding
+    hinge or of small play. The list is empty where the point stays fixed in both bodies.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)
@@ -297,8 +300,8 @@ class BodyPoses(NamedTuple):
         return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
 
     def misfit(self) -> float:
-        """Return how badly the closed-form hinge fits the poses: the median tilt of the axes [rad] plus the median
-        gap at the hinge point, divided by the rms distance of the bodies.
+        """Return how badly the closed-form hinge fits the poses, as one number: the median tilt of the axes [rad]
+        plus the ratio of the median gap at the hinge point to the rms distance of the bodies.
         """
         poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
         distance = _length(poses.p)
@@ -316,7 +319,7 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     misfit = poses.misfit()
     corrected_misfits = [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]
     least_misfit, text = min(corrected_misfits)
-    if least_misfit > _MAX_MISTAKE_MISFIT_RATIO * misfit or least_misfit > _MAX_MISTAKE_MISFIT:
+    if least_misfit > _MAX_CORRECTED_TO_ORIGINAL_MISFIT * misfit or least_misfit > _MAX_CORRECTED_MISFIT:
         return []
     return [f"{text}: with that taken back, a hinge fits {misfit / max(least_misfit, 1e-12):.2g} times as well."]
 
@@ -351,8 +354,8 @@ def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
 
 
 def _with_reordered_quaternions(S: Float64Array, scalar_first: bool) -> Float64Array:
-    """Return rotation matrices after the quaternions that they were read from are put in the other order of
-    components. With `scalar_first`, they were written scalar first and read scalar last; else the reverse.
+    """Return rotation matrices corrected for quaternions that were read in the wrong order of components. With
+    `scalar_first`, the quaternions were written scalar first and read scalar last; else the reverse.
     """
     read = matrix_to_quaternion(S)  # w, x, y, z
     written = np.roll(read, -1, axis=-1) if scalar_first else read

@@ -482,7 +482,8 @@ def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
     """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None
-    where the clock offset is given as 0 or cannot be determined. Raise FitError where the samples show no circle.
+    where the clock offset is given as 0 or cannot be determined. Raise FitError where the samples show no circle,
+    ArgumentError for an unusable clock offset.
     """
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
@@ -535,8 +536,8 @@ def _estimate(
     samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
     """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
-    estimated clock offset, and a boolean array of the samples used. Raise FitError where the bodies do not turn
-    against each other.
+    estimated clock offset, and a boolean array of the samples used. Raise FitError where the bodies do not rotate
+    relative to each other, ArgumentError for an unusable clock offset.
 
     The ClockedPoses are None where the clock offset is 0. An offset that the motion does not determine is taken as 0.
     """
@@ -555,7 +556,8 @@ def _most_likely(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
     """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None where
-    the clock offset is given as 0 or cannot be determined; the offset is 0 then.
+    the clock offset is given as 0 or cannot be determined; the offset is 0 then. Raise ArgumentError for an
+    unusable clock offset.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)

@@ -38,20 +38,25 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 _MAX_START_TRIAL_SAMPLES = 400  # samples that starts are tried with
 # Number of random starts of a fit.
 _NUM_RANDOM_STARTS = 10
-_MAX_DESCENT_STEPS, _MAX_START_STEPS = 60, 12  # of a descent; of one that compares starts
+_MAX_DESCENT_STEPS = 60
+_MAX_START_TRIAL_STEPS = 12  # of a descent that compares starts
 _NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _KNOWN_BIAS_STD = 1e-9  # standard deviation of a bias that is known to be 0
 _ROUNDING_RESIDUAL_TO_READING_SIZE = 1e-13  # residuals that rounding explains
 _MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
 _MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
-_MAX_SYSTEMATIC_RATE, _MAX_SYSTEMATIC_FORCE = 0.05, 0.07
-"""Residuals that are no noise and can be put up with: in parts of all rates, and of the difference of both forces."""
+_MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
+"""Residuals that are not noise: the axis is still reliable below this."""
+_MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_DIFFERENCE = 0.07
+"""Residuals that are not noise, over the difference of both forces: the point is still reliable below this."""
 _MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE = 0.2  # from which the sign of n2 is shown
-_MIN_NORMAL_EIGENVALUE_TO_NORM = 1e-10  # of the normal matrix, from which a direction is not rounding
-_MIN_AXIS_SIGNAL, _MIN_POINT_SIGNAL = 10.0, 2.0
-"""Sizes of the normal matrix from which a direction of the axes, of the point, is shown, in parts of what noise adds
-to it. Of the axes that is more than the variance of the rates says where rates across an axis are small."""
+_MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM = 1e-10  # from which a direction is not rounding
+_MIN_AXIS_SIGNAL_TO_NOISE = 10.0
+"""Size of the normal matrix over what noise adds to it, from which a direction of the axes is shown. What noise adds
+is more than the variance of the rates says where rates across an axis are small."""
+_MIN_POINT_SIGNAL_TO_NOISE = 2.0
+"""Size of the normal matrix over what noise adds to it, from which a direction of the hinge point is shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -171,7 +176,9 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     _, change = _rate_residual_function(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
     rms = float(np.sqrt(rest @ rest / rest.size))
     own, beside, bias_std = _derivatives_without_biases(change, 4, rest, prior, bias)
-    covariance, unseen = _covariance(np.zeros(4), rest, own, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL, beside)
+    covariance, unseen = _covariance(
+        np.zeros(4), rest, own, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL_TO_NOISE, beside
+    )
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
     findings = [
@@ -182,7 +189,10 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if s > _MAX_INERTIAL_AXIS_STD
     ]
     usual = size / np.sqrt(2 * w1.shape[0])
-    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION:
+    if (
+        rms > _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * usual
+        and _correlation(rest) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    ):
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
@@ -220,8 +230,8 @@ def fit_anchor(
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
     """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on each
-    body; return an AnchorFit. The angular velocities are smoothed first. Raise FitError where samples are too few or
-    neither body turns.
+    body; return an AnchorFit. The angular velocities are smoothed first; `gaps` is the longest time without samples
+    that is filled [s]. Raise FitError where samples are too few or neither body turns.
 
     The angular velocities are smoothed and differentiated (as by `hingepair.smooth`); the forces are used as
         recorded.
@@ -289,7 +299,7 @@ def fit_anchor(
     deviations = [each.deviations[1, used] for each in smooth]
     noise = _lever_noise_matrix(forces, gammas, u, deviations)
     inner, unseen = _covariance(
-        across.T @ u, rest, own @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL, beside @ across
+        across.T @ u, rest, own @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL_TO_NOISE, beside @ across
     )
     covariance = gauge @ across @ inner @ across.T @ gauge.T
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
@@ -333,7 +343,7 @@ def _point_sentences(
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
-        rms > _MAX_SYSTEMATIC_FORCE * np.sqrt(np.mean(apart**2))
+        rms > _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_DIFFERENCE * np.sqrt(np.mean(apart**2))
         and _correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         findings.append(
@@ -603,7 +613,7 @@ def _fit_from_starts(
     `linearise_few`, a residual function on fewer samples than `linearise`, compares the starts. `move` applies a
     step to the unknowns.
     """
-    tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_STEPS) for start in starts]
+    tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_TRIAL_STEPS) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
 
 
@@ -661,7 +671,7 @@ def _covariance(
     """
     normal = derivatives.T @ derivatives + prior_rows.T @ prior_rows
     values, axes = np.linalg.eigh(normal - min_signal * noise)
-    blind = values <= _MIN_NORMAL_EIGENVALUE_TO_NORM * np.linalg.norm(normal)
+    blind = values <= _MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM * np.linalg.norm(normal)
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
     scores = (derivatives * residuals[:, None]).T

@@ -77,7 +77,8 @@ def fit_angle(
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
     """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge (see `fit_axis`
-    and `fit_anchor`); return an AngleFit. Raise FitError where samples are too few.
+    and `fit_anchor`); return an AngleFit. `gaps` is the longest time without samples over which rates are integrated
+    [s]. Raise FitError where samples are too few.
 
     Two vectors that both bodies measure, the specific force at the hinge point and the angular velocity, show the
     angle by their directions across the axis. The integrated difference of the angular velocities joins these
@@ -172,8 +173,8 @@ class _AngleEstimate(NamedTuple):
 
 def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
     """Return ((angles, variances), noise). The angles (N,) [rad] are those about the axis between a vector in body 1
-    (`first`) and the same vector in body 2 (`second`), with their variances (N,). `noise` is the standard deviation
-    of the difference between both sensors.
+    (`first`, (N, 3)) and the same vector in body 2 (`second`). Their variances (N,) are inf where the vector is too
+    short. `noise` is the standard deviation of the difference between both sensors' readings.
 
     Args:
         first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).

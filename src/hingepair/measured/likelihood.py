@@ -34,7 +34,8 @@ from hingepair.rotations.matrices import rotation_exp
 
 NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
-_MAX_COMPONENT_SAMPLES, _MAX_SCORING_STEPS = 4096, 25  # of the variance components
+_MAX_VARIANCE_COMPONENT_SAMPLES = 4096
+_MAX_FISHER_SCORING_STEPS = 25  # of the variance components
 # Least noise of positions, or of the encoder, to the mean squared residual.
 _MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
 # [rad/s] by which steps of the clock offset are converted to turns, where the length of a step is judged.
@@ -43,13 +44,17 @@ _ROUNDING_CLOCK_OFFSET_STEP = 1e-12  # [s]
 _MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
 _SAMPLES_PER_BLOCK = 2048  # samples, that fit the caches
 MAX_FIRST_STEP_SAMPLES = 16384  # samples that the first steps are taken with
-_MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
+_MAX_COVARIANCE_SAMPLES = 131072  # about so many samples, in stretches, give the covariance
+_BLOCKS_PER_STRETCH = 16  # blocks of samples that follow each other
 _MIN_NUM_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
-_MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of them [rad]
-_MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
+_MAX_GAUSS_NEWTON_STEPS = 40
+_MAX_AXIS_TURN_OR_OFFSET_STEP = 0.3  # [rad]; of the clock offset, times the nominal turn rate
+_MAX_CONVERGED_STEP_IN_STDS = 0.02  # below, the steps have converged
+_MAX_PREDICTED_STEP_IN_STDS = 0.1  # likewise of the next step
 # Steps that rounding makes: turns [rad], shifts over the bodies' largest coordinate.
 _RELATIVE_ROUNDING_STEP = 2.0**-50
-_BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
+_MAX_BIAS_SAMPLES = 300  # samples that the bias is computed from
+_MIN_BIAS_IN_STDS = 0.1  # below, the bias is left
 MAX_FRAME_TURN_SAMPLES = 100  # samples that tell how the axes of `frame` turned
 _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
 # Of what noise adds to the normal matrix, from which the clock offset is shown.
@@ -58,8 +63,10 @@ MAX_CLOCK_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not show
 _MAX_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
-_MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
-"""Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
+_MAX_SQUARED_RESIDUAL_FOR_NOISE = 100.0
+"""Whitened squared residual from which a sample is left out of the medians that estimate the noise."""
+_MAX_COUNTED_SQUARED_RESIDUAL = 900.0
+"""Whitened squared residual from which a sample does not count in losses other than "linear"."""
 CHI2_MEDIAN_BY_DOF = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-squared, by degrees of freedom
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
@@ -255,13 +262,13 @@ def most_likely_hinge(
         (MAX_FIRST_STEP_SAMPLES, poses.samples) if poses.samples > MAX_FIRST_STEP_SAMPLES else (poses.samples,)
     ):
         some = poses_at(offset, most)
-        for _ in range(_MAX_STEPS):
+        for _ in range(_MAX_GAUSS_NEWTON_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -solve_semidefinite(normal, gradient)
             delay = float(step[NUM_HINGE_PARAMETERS]) if some.rates is not None else 0.0
             turn = max(float(np.abs(step[:4]).max()), _NOMINAL_TURN_RATE_FOR_OFFSET_STEPS * abs(delay))
-            if turn > _MAX_TURN:
-                step *= _MAX_TURN / turn
+            if turn > _MAX_AXIS_TURN_OR_OFFSET_STEP:
+                step *= _MAX_AXIS_TURN_OR_OFFSET_STEP / turn
             before, hinge = hinge, hinge.moved(step[:NUM_HINGE_PARAMETERS]).balanced()
             if line is not None:
                 zero = (
@@ -276,10 +283,10 @@ def most_likely_hinge(
             noise = _estimate_noise(some.thinned(MAX_FIRST_STEP_SAMPLES), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
-            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
+            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_PREDICTED_STEP_IN_STDS
             least = _RELATIVE_ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))
             rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_CLOCK_OFFSET_STEP
-            has_converged = bool(size < _MAX_LAST_STEP or quick or rounded)
+            has_converged = bool(size < _MAX_CONVERGED_STEP_IN_STDS or quick or rounded)
             if has_converged:
                 break
     return Estimate(hinge, noise, has_converged, offset, line)
@@ -357,10 +364,10 @@ def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine |
 
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
-    """Return a dict of the standard deviations of two estimates: of the noise of positions ("noise_position") and
-    of the noise of attitudes ("noise_angle").
+    """Return a dict of the standard deviations of the estimated noise of positions ("noise_position") [m] and of
+    attitudes ("noise_angle") [rad].
     """
-    thin = poses.thinned(_MAX_COMPONENT_SAMPLES)
+    thin = poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
     variances = (
         np.diagonal(covariance)
@@ -406,9 +413,9 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
     nine coordinates of noise once up and once down. Nothing is taken off that is no tenth of a standard deviation.
     """
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
-    if np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach) < _MIN_BIAS:
+    if np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach) < _MIN_BIAS_IN_STDS:
         return hinge
-    thin = poses.thinned(_BIAS_SAMPLES)
+    thin = poses.thinned(_MAX_BIAS_SAMPLES)
     first, second = frame(hinge.n), frame(hinge.m)
     q = np.kron(first.T, second.T) @ thin.Q
     psi = np.arctan2(q[3] - q[1], q[0] + q[4])
@@ -445,7 +452,7 @@ def evaluate_hinge(
     sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
     slope: Float64Array = np.zeros(())
     scores, left = [], []
-    every = max(1, count // _MAX_SCORED)
+    every = max(1, count // _MAX_COVARIANCE_SAMPLES)
     for k, (own, seen) in enumerate(iterate_residuals(poses, hinge, line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
@@ -455,7 +462,7 @@ def evaluate_hinge(
         if seen.turn is not None:
             turn[own] = seen.turn
         given = poses.weights[own]
-        if (k // _STRETCH) % every:
+        if (k // _BLOCKS_PER_STRETCH) % every:
             sizes[own] = seen.sizes(noise)
             weights[own] = given if loss is None else given * _loss_derivatives(loss, given * sizes[own])[0]
             continue
@@ -485,8 +492,8 @@ def evaluate_hinge(
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
-    """Return the correlation between the entries of a row and the entries `lag` places later: the largest over all
-    rows, 0 where rows are zero or too short.
+    """Return the correlation between the entries of a row and the entries `lag` places later, for the row where it
+    is largest. Return 0 where all rows are zero or too short.
     """
     power = (rows * rows).sum(axis=1)
     known = power > 0
@@ -571,7 +578,7 @@ def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Fl
     `sizes`. Both are 0 for gross outliers.
     """
     first, second = loss(sizes / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL)
-    gross = sizes > _MAX_COUNTED_SIZE
+    gross = sizes > _MAX_COUNTED_SQUARED_RESIDUAL
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
@@ -606,8 +613,8 @@ def _estimate_noise(
     if loss is None:
         attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
     else:
-        if 2 * (sizes < _MAX_NOISE_SIZE).sum() > near.size:
-            near = sizes < _MAX_NOISE_SIZE
+        if 2 * (sizes < _MAX_SQUARED_RESIDUAL_FOR_NOISE).sum() > near.size:
+            near = sizes < _MAX_SQUARED_RESIDUAL_FOR_NOISE
         attitude, across = (
             np.median(tilt[near]) / CHI2_MEDIAN_BY_DOF[2],
             np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
@@ -621,7 +628,7 @@ def _estimate_noise(
         least = Noise(
             max(_MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2
         )
-        noise, _ = variance_components(poses.thinned(_MAX_COMPONENT_SAMPLES), hinge, noise, least)
+        noise, _ = variance_components(poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES), hinge, noise, least)
     read = np.isfinite(turn) & near
     if line is None or not read.any():
         return noise
@@ -635,7 +642,7 @@ def _estimate_noise(
 
 
 def variance_components(
-    poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_SCORING_STEPS
+    poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_FISHER_SCORING_STEPS
 ) -> tuple[Noise, Float64Array]:
     """Return the most likely variances of relative positions and attitudes as a Noise, computed by Fisher scoring,
     and the covariance (2, 2) of both variances.

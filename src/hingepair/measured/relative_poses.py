@@ -26,8 +26,8 @@ _MIN_PAIR_TURN_ANGLE = 0.017  # [rad] between the samples of a pair
 
 class RelativePoses(NamedTuple):
     """Attitudes and positions of body 2 relative to body 1 over N samples, with the samples' weights and, where
-    known, derivatives with respect to the clock offset, given noise and encoder readings. Samples are on the last
-    axis.
+    known, the derivatives with respect to the clock offset, the noise that the user gave, and encoder readings.
+    Samples are on the last axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
@@ -44,7 +44,7 @@ class RelativePoses(NamedTuple):
         return self.weights.size
 
     def thinned(self, max_samples: int) -> RelativePoses:
-        """Return every k-th sample, with the least k that leaves at most `max_samples`."""
+        """Return the relative poses of every k-th sample, with the least k that leaves at most `max_samples`."""
         step = -(-self.samples // max_samples)
         if step == 1:
             return self
@@ -76,8 +76,8 @@ def compute_relative_poses(
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the hinge that least squares give in closed form. The differences between the axes n and Q m are
-    minimised, then the gaps at the hinge point (E1).
+    """Return the least-squares hinge in closed form: the axes n and m that minimise the differences between n and
+    Q m, and for these axes the levers that minimise the gaps at the hinge point (E1).
     """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)

@@ -32,8 +32,9 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate a recording at other instants `to` and return numbers or a BodyMotion. The result is NaN where the
-    recording has no sample for longer than `gaps` seconds. Warn of wrapped angles and of doubtful units of time.
+    """Interpolate a recording at other instants `to` and return numbers or a BodyMotion. The result is NaN outside
+    the recording and where it has no sample for longer than `gaps` seconds. Warn of wrapped angles and of doubtful
+    units of time.
 
     Between samples, a cubic through the four nearest ones is evaluated (for attitudes: in rotation vectors from the
     sample before), whose error is of order h^4 in the step h. Samples that are not finite are skipped. At an instant
@@ -130,8 +131,8 @@ def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
     """Return columns, or rotation matrices if `rotations`, interpolated at other instants `to`. They are NaN
-    before and after the recording and where it has no sample for longer than `gaps` seconds. `t` comes from
-    `increasing_seconds`.
+    before and after the recording and where it has no sample for longer than `gaps` seconds. The instants `t` are
+    increasing.
     """
     result = np.full((to.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))

@@ -38,7 +38,7 @@ _NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts 
 _ANGULAR_VELOCITY_DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
 # Names of a smoothed quantity and its derivatives.
 _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_SAMPLES_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
+_RECORDED_QUANTITY_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
 # Correlation of what is left of neighbouring samples, that is not warned of.
 _MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.2
 _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
@@ -211,7 +211,7 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(_SAMPLES_NAME_BY_LETTER[letter], samples, parts[letter], loss)
+            sentences += _residual_suspicions(_RECORDED_QUANTITY_NAME_BY_LETTER[letter], samples, parts[letter], loss)
             rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion

@@ -58,20 +58,23 @@ _SPECTRUM_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
 _INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum that are independent
 _MAX_WINSORISED_SAMPLE_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
 _MAX_CORRELATED_TO_MEDIAN_TIME_STEP = 1.5  # longest time step over which neighbours' noise is correlated
-_REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
+_NUM_REWEIGHTINGS = 6  # of samples, by a loss
+_NUM_BANDWIDTH_CHOICES = 2  # in the first of these rounds
 # In variances, from which a sample counts nothing in losses but "linear".
 _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES = 100.0
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
 _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
-_MAX_RECORD_PARTS, _MIN_RECORD_PART_SAMPLES = 16, 16
-"""Parts of a record whose residuals are compared, and samples of each."""
+_MAX_RECORD_PARTS = 16
+"""Parts of a record whose residuals are compared."""
+_MIN_RECORD_PART_SAMPLES = 16
 # Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
 _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL = 1 / 30
-_MIN_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
+_MIN_OUTLIER_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
 _NUM_EXTRA_BANDS_FOR_CORRELATION = 2  # by which neighbours that are correlated reach further
 _NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
-_WINDOW, _WINDOWS = 4096, 8
-"""Of long records the bandwidth is chosen on so many stretches of so many samples."""
+_SAMPLES_PER_STRETCH = 4096
+_NUM_STRETCHES = 8
+"""Of long records the bandwidth is chosen on so many stretches."""
 
 
 class SmoothedColumns(NamedTuple):
@@ -112,8 +115,8 @@ def smooth_columns(
     loss: Loss | None = None,
 ) -> SmoothedColumns:
     """Smooth columns (N, k) with a smoothing spline in each of `pieces` (index arrays), and return SmoothedColumns
-    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation. Raise
-    MissingDependencyError without SciPy.
+    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation; with `loss`, outliers
+    count little. Raise MissingDependencyError without SciPy.
 
     A piece has at least MIN_PIECE_SAMPLES samples, all of them finite. With a loss, outliers count little, each
     sample as a whole.
@@ -128,8 +131,8 @@ def smooth_columns(
         raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
     k, weights, rest = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
-    for turn in range(1 if loss is None else _REWEIGHTINGS):
-        if turn < _CHOICES:
+    for turn in range(1 if loss is None else _NUM_REWEIGHTINGS):
+        if turn < _NUM_BANDWIDTH_CHOICES:
             clean, off = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
             clean[used[off]] -= rest[off]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
@@ -149,7 +152,7 @@ def smooth_columns(
                 0.0,
                 loss(sizes / _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
             )
-            weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT)
+            weights = np.maximum(weights, _MIN_OUTLIER_SAMPLE_WEIGHT)
     white = spline.whitened(rest)
     values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
@@ -204,7 +207,7 @@ def _choose_model(
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
-    if sum(piece.size for piece in pieces) > _WINDOW * _WINDOWS:
+    if sum(piece.size for piece in pieces) > _SAMPLES_PER_STRETCH * _NUM_STRETCHES:
         pieces = _stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
@@ -228,8 +231,8 @@ def _cross_validated_model(
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(log_bandwidth: float) -> float:
-        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf where too
-        few samples remain.
+        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf where the
+        curve has too many degrees of freedom.
         """
         spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
         share = 1 - _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM * spline.freedom() / count
@@ -306,8 +309,8 @@ def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
-    for start in np.linspace(0, all_rows.size - _WINDOW, _WINDOWS).astype(np.intp):
-        stretch, owner = all_rows[start : start + _WINDOW], owners[start : start + _WINDOW]
+    for start in np.linspace(0, all_rows.size - _SAMPLES_PER_STRETCH, _NUM_STRETCHES).astype(np.intp):
+        stretch, owner = all_rows[start : start + _SAMPLES_PER_STRETCH], owners[start : start + _SAMPLES_PER_STRETCH]
         stretches += [
             part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE_SAMPLES
         ]
