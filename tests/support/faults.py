@@ -430,6 +430,12 @@ FAULTS = {
         "first = np.broadcast_to(np.stack(start, axis=-1).reshape(-1, len(start))[0],",
         "integration/test_integrate_many.py::test_motions_have_the_bits_of_calls_of_their_own[starts-numpy]",
     ),
+    "worst samples counted from the start of their chunk": Fault(
+        "pair/residuals.py",
+        "tuple(i + j for i, j in zip(check.worst_sample, chunk_start, strict=True))",
+        "tuple(i for i, j in zip(check.worst_sample, chunk_start, strict=True))",
+        "pair/test_dask_pairs.py::test_chunks_of_a_report_are_merged_in_any_number_of_axes",
+    ),
     "motions counted from the start of their chunk": Fault(
         "integration/integrate.py",
         "index = tuple(np.add(first_motion_index, index).tolist())",
