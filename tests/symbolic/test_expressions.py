@@ -13,7 +13,7 @@ import sympy
 
 from hingepair import ArgumentError
 from hingepair.symbolic.expressions import (
-    FUNCTION_CALL_BY_NAME,
+    FUNCTION_SIGNATURE_BY_NAME,
     SMOOTH_FUNCTION_NAMES,
     constant_name_fault,
     parse_expression,
@@ -215,7 +215,7 @@ def test_unknown_name_says_where_and_what_is_known() -> None:
         parse_expression("motion.psi", "1 + sine(t)")
     message = str(caught.value)
     assert message.startswith("motion.psi: unknown name 'sine' at column 5 (nearest: sin); known: sin, cos, tan")
-    assert all(name in message for name in FUNCTION_CALL_BY_NAME)
+    assert all(name in message for name in FUNCTION_SIGNATURE_BY_NAME)
 
 
 ROOTS = [f"({k} + sqrt(t + {k}))" for k in range(1, 31)]

@@ -224,7 +224,7 @@ class Table(NamedSource):
         from sympy import pi
 
         from hingepair.symbolic.exact_constants import axis_rotation, roll_pitch_yaw_rotation
-        from hingepair.symbolic.jets import SYMPY_ERRORS
+        from hingepair.symbolic.jets import SYMPY_ERROR_TYPES
 
         unit = pi / 180 if turn.endswith("deg") else 1
         try:
@@ -241,7 +241,7 @@ class Table(NamedSource):
             return axis_rotation(axis, unit * angle)
         except SceneError:
             raise
-        except SYMPY_ERRORS:
+        except SYMPY_ERROR_TYPES:
             self.fail(key, "a rotation that SymPy can work with")
 
     def _nested(self, key: str, value: Any) -> Any:

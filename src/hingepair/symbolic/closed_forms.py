@@ -21,7 +21,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, MotionKind, check_outputs, make_plan
 from hingepair.symbolic.exact_constants import MAX_SQUARED_ENTRY_DENOMINATOR, exact
-from hingepair.symbolic.jets import SYMPY_ERRORS, DerivativeProgram, ValueAndDerivatives, time_symbol
+from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_symbols, sorted_terms
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
@@ -42,20 +42,22 @@ _ANGLE_SUM_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are
 
 
 class ClosedForms:
-    """Closed forms of a pair's motion (E1-E11): attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1.
+    """Closed forms of a pair's motion (E1-E11). The attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1,
+    are SymPy matrices or expressions.
 
     Each form is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. It is derived
     at the first access, and intermediate results are kept for other forms.
 
     Args:
         pair: one pair; its numbers are made exact as `hingepair.derive` describes.
-        motion: coordinates as expressions in t, by name; others, and those that are None, are functions of t.
-        sequence: sequence of the Euler angles.
+        motion: coordinates as expressions in t, by name. A coordinate that is missing or None is an unspecified
+            function of t. By default all are.
+        sequence: sequence of the Euler angles; ignored in the plane.
         symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
         exact_values: exact components of u1, u2, n (of length 1) and home, by name, where they are known.
 
     Raises:
-        ArgumentError: `pair` holds more than one pair, or the derivatives of the expression named are too long.
+        ArgumentError: `pair` holds more than one pair, or the derivatives of a coordinate are too long.
     """
 
     __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
@@ -110,7 +112,9 @@ class ClosedForms:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
     def terms(self, name: str) -> tuple[SumTerms, ...]:
-        """Return the components of an output, each as a tuple of the terms of its sum, in the order of display.
+        """Return the components of an output as tuples of the terms of their sums, in the order of display.
+        Intermediate results are computed once and stored. Raise an ArgumentError for an unknown output, or one whose
+        form is too long.
 
         Args:
             name: one of `names`.
@@ -134,7 +138,9 @@ class ClosedForms:
         return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
 
     def _shorten(self, result_name: str, value: Any) -> Any:
-        """Return a result's components, each in its shorter form for further steps; store the forms to display."""
+        """Return a result, one expression or a tuple of components, in the forms that further steps use. Store the
+        forms to display. Raise an ArgumentError if a component has more than MAX_COMPONENT_SYMBOLS symbols.
+        """
         pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
         longest = max(count_symbols(working) for working, _ in pairs)
         if longest > MAX_COMPONENT_SYMBOLS:
@@ -144,7 +150,9 @@ class ClosedForms:
         return working if isinstance(value, tuple) else working[0]
 
     def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
-        """Return two forms of an expression, as products or as a sum of sines: for further steps, and to display."""
+        """Return (working, display): the forms of an expression for further steps and for display. Each is the
+        expression itself or its sum of sines and cosines, whichever has fewer symbols.
+        """
         as_sum = trig_sum(expr)
         if as_sum is None:
             return expr, expr
@@ -153,7 +161,9 @@ class ClosedForms:
 
 
 def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDerivatives:
-    """Return a coordinate with its first two derivatives by t; None stands for an unknown function of t."""
+    """Return a coordinate with its first and second derivative with respect to t, a tuple of expressions. `expr` None
+    means an unknown function of t. Raise an ArgumentError if a derivative is too long.
+    """
     if expr is None:
         t = time_symbol()
         function = sympy.Function(name, real=True)(t)
@@ -170,14 +180,16 @@ def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDeriva
         return expr, derivatives[1].xreplace(steps), derivatives[2].xreplace(steps)
     except ArgumentError:
         raise
-    except SYMPY_ERRORS:
+    except SYMPY_ERROR_TYPES:
         raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
 
 def constant_inputs(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
 ) -> dict[str, SumTerms]:
-    """Return u1, u2, n and home by name, as symbols (those in `symbolic`), given exact values, or exact numbers."""
+    """Return u1, u2, n and home as a dict of tuples of expressions. A constant named in `symbolic` has symbols, one
+    in `exact_values` has these values, and any other has exact numbers from the pair's floats.
+    """
     inputs: dict[str, SumTerms] = {}
     values = pair.constants.values
     for key, value in ((key, values[key]) for key in PAIR_CONSTANT_NAMES if key in values):
@@ -191,7 +203,8 @@ def constant_inputs(
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """Return the unit axis nearest to n whose components have simple rational squares, or else n as decimals.
+    """Return the unit axis n as three exact expressions: roots of simple rational numbers if they equal n within
+    rounding, otherwise the numbers that the shortest decimals of n show.
 
     The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """
@@ -204,12 +217,12 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
 
 
 def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
-    """Return the sine and cosine of each angle, in turn."""
+    """Return the sine and cosine of each angle of phi in turn, a flat tuple (sin, cos, sin, cos, ...)."""
     return tuple(function(angle) for angle in phi for function in (sine_expression, cosine_expression))
 
 
 def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
-    """Return sin psi and 1 - cos psi."""
+    """Return the pair (sin psi, 1 - cos psi) as expressions."""
     return sine_expression(psi), 1 - cosine_expression(psi)
 
 

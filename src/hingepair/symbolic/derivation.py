@@ -37,7 +37,9 @@ class Derivation(ClosedForms):
     __slots__ = ()
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
-        """Return one equation per component as text: `omega1_x = 3 + 5 sin t`; `short` abbreviates functions.
+        """Return the equations of outputs as text, one equation per component: `omega1_x = 3 + 5 sin t`. With
+        `short`, repeated functions are abbreviated. Raise an ArgumentError for an unknown output, or one whose form
+        is too long.
 
         Rates are x', second derivatives x''.
 
@@ -56,7 +58,9 @@ class Derivation(ClosedForms):
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
-        r"""Return an align* environment of amsmath; derivatives of x(t) are \dot{x}. Arguments as for `to_text`."""
+        r"""Return the equations of outputs as a LaTeX align* environment (amsmath). The derivative of x(t) is written
+        \dot{x}. Arguments and errors are those of `to_text`.
+        """
         rows, meanings = _abbreviated_rows(self._labelled_terms(names), short)
         lines = [f"{latex_name(name)} &= {to_latex(expr)}" for name, expr in meanings.items()]
         for label, terms in rows:
@@ -64,7 +68,8 @@ class Derivation(ClosedForms):
         return align_environment(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return a Python module that needs only NumPy, with one vectorised function per output.
+        """Return the source of a Python module that needs only NumPy, with one vectorised function per output.
+        `title` is put into its docstring. Raise an ArgumentError for an unknown output.
 
         The arguments are t and the symbols: constants, coordinates such as x, phi_x, psi, their rates xd, phi_xd,
         psid, and so on. `names` as for `to_text`.
@@ -75,14 +80,17 @@ class Derivation(ClosedForms):
         return "\n\n".join(parts)
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return, by label such as omega1_x or S2_xy, the text of each component that `sympy.sympify` reads.
+        """Return a dict from labels such as omega1_x or S2_xy to the source of the component, which `sympy.sympify`
+        reads. Raise an ArgumentError for an unknown output.
 
         Choices are Piecewise, and symbols have no assumptions. `names` as for `to_text`.
         """
         return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
     def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, SumTerms]]:
-        """Return the label and the terms of every component of the named outputs; None names all outputs."""
+        """Return a list of (label, terms) with every component of the named outputs; None means all outputs. Labels
+        are such as omega1_x.
+        """
         labelled_terms = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
@@ -95,7 +103,9 @@ class Derivation(ClosedForms):
 def _abbreviated_rows(
     labelled_terms: list[tuple[str, SumTerms]], short: bool
 ) -> tuple[list[tuple[str, SumTerms]], dict[str, Expr]]:
-    """Return components with symbols for functions of t, abbreviated if `short`, and the definitions of these."""
+    """Return (rows, definitions): the labelled terms with symbols in place of functions of t, and the abbreviations
+    of repeated functions by name. Without `short` there are no abbreviations.
+    """
     rows = [
         (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))
         for label, terms in labelled_terms
@@ -113,7 +123,7 @@ def _abbreviated_rows(
     definitions: dict[str, Expr] = {}
 
     def define(expr: Expr) -> None:
-        """Add the definitions of the symbols in an expression to `definitions`, after those that they need."""
+        """Add the definitions of the symbols in an expression to `definitions`, each after those that it uses."""
         for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
             if symbol.name not in definitions:
                 define(meanings[symbol])  # definitions that it needs come first
@@ -124,7 +134,8 @@ def _abbreviated_rows(
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
-    """Return abbreviations by function: c_1 and s_1 of an angle, c_12 of the sum of two, k_1 of other functions.
+    """Return a dict from functions to the symbols that abbreviate them: c_1 and s_1 for an angle, c_12 for the sum of
+    two, k_1 for other functions that occur repeatedly.
 
     Sines and cosines such as sin t and cos 3t, and functions that occur once, are not abbreviated.
     """
@@ -148,14 +159,14 @@ def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
 
 
 def _is_short_wave(wave: Expr) -> bool:
-    """Return whether a sine or cosine is short: sin t, cos 3t and the like."""
+    """Return whether a sine or cosine is as short as sin t or cos 3t, and so needs no abbreviation."""
     return is_simple(wave.args[0]) and wave.free_symbols == {time_symbol()}
 
 
-def _function_source(name: str, parts: list[Expr]) -> str:
-    """Return the Python source of a function that computes the components of one output."""
+def _function_source(name: str, component_exprs: list[Expr]) -> str:
+    """Return the Python source of a NumPy function with the given name that computes the components of one output."""
     t = time_symbol()
-    expressions = with_symbols([*map(with_short_constants, parts), t], "d")[:-1]
+    expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]
     symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})
     arguments = (
         ["t", *symbol_names]
@@ -165,7 +176,7 @@ def _function_source(name: str, parts: list[Expr]) -> str:
     reserved = [sympy.Symbol(name_of_symbol, real=True) for name_of_symbol in symbol_names]
     temporary = sympy.numbered_symbols("w", exclude=reserved, real=True)
     steps, results = sympy.cse(expressions, symbols=temporary, order="none", list=True)
-    tail = {1: (), 9: (3, 3)}.get(len(parts), (len(parts),))
+    tail = {1: (), 9: (3, 3)}.get(len(component_exprs), (len(component_exprs),))
     unit = f" [{unit_of(name)}]" if unit_of(name) != "1" else ""
     all_arguments = ", ".join(arguments)
     lines = [
@@ -176,7 +187,7 @@ def _function_source(name: str, parts: list[Expr]) -> str:
         "    parts = (",
         *(f"        {to_numpy_source(result)}," for result in results),
         "    )",
-        f"    parts = numpy.broadcast_arrays(*parts, {all_arguments})[:{len(parts)}]",
+        f"    parts = numpy.broadcast_arrays(*parts, {all_arguments})[:{len(component_exprs)}]",
         f"    return numpy.stack(parts, axis=-1).reshape(parts[0].shape + {tail})",
     ]
     return "\n".join(lines) + "\n"

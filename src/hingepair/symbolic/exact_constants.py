@@ -15,7 +15,7 @@ from hingepair.symbolic.kinks import Expr
 # Significant digits to which a squared length is computed, to find out whether it is rational.
 _SQUARED_LENGTH_DIGITS: Final = 50
 _MAX_SQUARED_LENGTH_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
-_SQUARED_LENGTH_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
+_SQUARED_LENGTH_REL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 
 MAX_SQUARED_ENTRY_DENOMINATOR: Final = 1_000
 """Largest denominator of the square of an entry of a rotation or a unit vector that is recognised as a root."""
@@ -29,12 +29,13 @@ _COORDINATE_UNIT_VECTORS: Final = tuple(tuple(map(sympy.Integer, axis)) for axis
 
 
 def exact(value: float) -> Expr:
-    """Return the rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
+    """Return a finite number as the rational SymPy number that its shortest decimal form shows: 0.1 becomes 1/10."""
     return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
 
 
 def exact_entry(value: float) -> Expr:
-    """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or a root if within rounding, else a decimal.
+    """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or the root of a simple fraction if one
+    equals it within rounding, otherwise the number that its shortest decimal form shows.
 
     These are 0, 1, -1 and roots of simple fractions; any other entry is the number that its shortest decimal writes.
 
@@ -50,7 +51,8 @@ def exact_entry(value: float) -> Expr:
 
 
 def exact_angle(value: float) -> Expr:
-    """Return an angle [rad] as an exact number within rounding: a multiple of pi/12, or a short decimal.
+    """Return an angle [rad] as an exact number that equals it within rounding: a multiple of pi/12 if there is one,
+    otherwise the shortest decimal.
 
     >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
     (pi/4, 3/10)
@@ -67,7 +69,8 @@ def exact_angle(value: float) -> Expr:
 
 
 def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
-    """Return a SymPy function's value at arguments without t; unevaluated where the value has nested roots.
+    """Return the value of a SymPy function at arguments without t. If the value has nested roots, return the call
+    unevaluated.
 
     >>> unnested(sympy.cos, sympy.pi / 6), unnested(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))
@@ -78,7 +81,7 @@ def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
 
 
 def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the unit vector along an axis of any non-zero length, as exact expressions.
+    """Return the unit vector along an axis of any non-zero length as a tuple of three exact expressions.
 
     >>> exact_unit_axis([sympy.cos(1), sympy.sin(1), 0])
     (cos(1), sin(1), 0)
@@ -89,13 +92,14 @@ def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
         value = square.evalf(_SQUARED_LENGTH_DIGITS)
         near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_SQUARED_LENGTH_DENOMINATOR))
-        square = near if abs(near - value) <= _SQUARED_LENGTH_TOLERANCE * abs(value) else square
+        square = near if abs(near - value) <= _SQUARED_LENGTH_REL_TOLERANCE * abs(value) else square
     length = sympy.sqrt(square)
     return tuple(c / length for c in n)
 
 
 def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
-    """Return the rotation matrix by an angle [rad] about an axis of any length (E6), nine entries row by row.
+    """Return the rotation matrix of an angle [rad] about an axis of any length (E6) as a tuple of nine exact
+    expressions, row by row.
 
     >>> axis_rotation([0, 0, 2], sympy.pi / 2)
     (0, -1, 0, 1, 0, 0, 0, 0, 1)
@@ -106,7 +110,8 @@ def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
 
 
 def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the rotation matrix by roll, pitch and yaw [rad] about the fixed axes x, y, z, nine entries by rows.
+    """Return the rotation matrix of the angles roll, pitch and yaw [rad] about the fixed axes x, y, z as a tuple of
+    nine exact expressions, row by row.
 
     >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
     (-1, 0, 0, 0, 0, 1, 0, 1, 0)
@@ -118,5 +123,5 @@ def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
 
 
 def _expanded(entries: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return entries expanded to sums of products, in which terms that cancel vanish."""
+    """Return the entries expanded to sums of products, so that terms that cancel vanish."""
     return tuple(sympy.expand(entry) for entry in entries)

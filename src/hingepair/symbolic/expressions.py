@@ -23,10 +23,10 @@ import sympy
 
 from hingepair.errors import ArgumentError, line_with_caret, nearest
 from hingepair.symbolic.exact_constants import exact, unnested
-from hingepair.symbolic.jets import MAX_NUMBER_BITS, SMOOTH_FUNCTION_NAMES, SYMPY_ERRORS, bit_length, time_symbol
+from hingepair.symbolic.jets import MAX_NUMBER_BITS, SMOOTH_FUNCTION_NAMES, SYMPY_ERROR_TYPES, bit_length, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
 
-MAX_TEXT_LENGTH: Final = 10_000
+MAX_EXPRESSION_CHARACTERS: Final = 10_000
 """Largest number of characters of a text."""
 MAX_NESTING_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
@@ -37,7 +37,7 @@ MAX_EXPONENT: Final = 1_000
 MAX_EXPONENT_DENOMINATOR: Final = 10_000
 """Largest denominator of an exponent: t**0.1234 has 5000."""
 
-_KINKED_FUNCTION_BY_CALL: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
+_KINKED_FUNCTION_BY_SIGNATURE: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
     "abs(x)": sympy.Abs,
     "sign(x)": sympy.sign,
     "min(x, y, ...)": lambda *parts: _nest_by_halves(Smaller, parts),
@@ -61,9 +61,9 @@ _HINT_BY_UNKNOWN_NAME: Final = MappingProxyType({
 })  # fmt: skip
 """Hints for names that are known from elsewhere: how they are written here."""
 
-FUNCTION_CALL_BY_NAME: Final = MappingProxyType(
+FUNCTION_SIGNATURE_BY_NAME: Final = MappingProxyType(
     {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH_FUNCTION_NAMES}
-    | {call.partition("(")[0]: call for call in _KINKED_FUNCTION_BY_CALL}
+    | {call.partition("(")[0]: call for call in _KINKED_FUNCTION_BY_SIGNATURE}
 )
 """Calls of all functions, by name."""
 
@@ -74,14 +74,14 @@ Number: TypeAlias = float | Expr
 """Value of a constant."""
 
 _FORBIDDEN_CHARACTER_PATTERN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # in a text
-_HINT_BY_SYNTAX: Final[Mapping[Any, str]] = {
+_HINT_BY_CHARACTER_OR_NODE_TYPE: Final[Mapping[Any, str]] = {
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }  # hints, by character or type of node
-_REAL_HYPERBOLIC_FUNCTIONS: Final = {
+_REAL_HYPERBOLIC_FUNCTION_BY_NAME: Final = {
     "sinh": sinh,
     "cosh": cosh,
     "tanh": tanh,
@@ -102,10 +102,11 @@ _MISSING_OPERATOR_PATTERN = re.compile(
 def parse_expression(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Return the SymPy expression of a text in t; `constants` are replaced by values, `symbols` stay symbols.
+    """Parse a text in t and return its SymPy expression. Names in `constants` are replaced by their values, names in
+    `symbols` stay symbols. Raise an ArgumentError, which uses `name`, for a text that is no allowed expression.
 
     The text may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and the functions of
-    FUNCTION_CALL_BY_NAME; decimal numbers are exact.
+    FUNCTION_SIGNATURE_BY_NAME; decimal numbers are exact.
 
     Args:
         name: name of the expression, for messages: `motion.psi`.
@@ -127,14 +128,15 @@ def parse_expression(
         return builder.build(builder.syntax(), 0).expr
     except ArgumentError:
         raise
-    except SYMPY_ERRORS:
+    except SYMPY_ERROR_TYPES:
         raise ArgumentError(name, "an expression that SymPy can work with", text) from None
 
 
 def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Return the SymPy expression of a text without t, such as `pi/6`. Arguments as for `parse_expression`.
+    """Parse a text without t, such as `pi/6`, and return its SymPy expression. Arguments are those of
+    `parse_expression`. Raise an ArgumentError if the text depends on t or cannot be parsed.
 
     Raises:
         ArgumentError: as for `parse_expression`, or the text depends on t.
@@ -146,7 +148,9 @@ def parse_constant(
 
 
 def constant_name_fault(name: str) -> str | None:
-    """Return the text of what a constant's name must be if this name is invalid; None for a valid name."""
+    """Return a description of the names that are allowed if `name` cannot be the name of a constant; return None if
+    it can.
+    """
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
     taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTION_NAMES)  # a constant may be called step or max: step(x) is a call
@@ -169,14 +173,14 @@ _PRODUCT_OPERATOR_GROUP: Final = (
 
 
 class _ParsedPart(NamedTuple):
-    """Parsed part of an expression; `value` is the float of a part without t, else None."""
+    """Parsed part of an expression: the SymPy expression, and its float if it has no t, otherwise None."""
 
     expr: Expr
     value: float | None
 
 
 class _ExpressionBuilder:
-    """Converter of one text to a SymPy expression; its error messages show the text with a caret."""
+    """Converter of one text to a SymPy expression. Its errors name the expression and show the text with a caret."""
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
         self.name = name
@@ -187,12 +191,14 @@ class _ExpressionBuilder:
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
-        """Return the syntax tree of the text; line breaks count as blanks."""
-        if len(self.line) > MAX_TEXT_LENGTH:
-            self._fail(f"at most {MAX_TEXT_LENGTH} characters", f"{len(self.line)}")
+        """Return the syntax tree of the text; line breaks count as blanks. Raise an ArgumentError for a text that is
+        too long, has a forbidden character, or is no valid syntax.
+        """
+        if len(self.line) > MAX_EXPRESSION_CHARACTERS:
+            self._fail(f"at most {MAX_EXPRESSION_CHARACTERS} characters", f"{len(self.line)}")
         if forbidden := _FORBIDDEN_CHARACTER_PATTERN.search(self.line):
             column = forbidden.start() + 1
-            hint = _HINT_BY_SYNTAX.get(forbidden[0], "")
+            hint = _HINT_BY_CHARACTER_OR_NODE_TYPE.get(forbidden[0], "")
             self._fail(f"an expression in t{hint}", f"character {forbidden[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
@@ -208,7 +214,9 @@ class _ExpressionBuilder:
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _ParsedPart:
-        """Return the parsed part of a syntax node at a nesting depth; raise ArgumentError for what is not allowed."""
+        """Return the parsed part of a syntax node at a nesting depth. Raise an ArgumentError for syntax that is not
+        allowed, and for too many or too deep nodes.
+        """
         self._count_node(node, depth)
         match node:
             case ast.Constant():
@@ -223,10 +231,12 @@ class _ExpressionBuilder:
                 return self._build_power(node, depth + 1)
             case ast.Call():
                 return self._build_call(node, depth + 1)
-        self._refuse(node, _HINT_BY_SYNTAX.get(type(node), "numbers, names, calls and + - * / **"))
+        self._refuse(node, _HINT_BY_CHARACTER_OR_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _build_number(self, node: ast.Constant) -> _ParsedPart:
-        """Return the parsed part of a number, exact."""
+        """Return the parsed part of a number as an exact rational. Raise an ArgumentError if it is not finite, or if
+        its power of ten is too large.
+        """
         if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
@@ -235,18 +245,20 @@ class _ExpressionBuilder:
         return self._checked_part(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedPart:
-        """Return the parsed part of a name: t or a constant; raise ArgumentError for other names."""
+        """Return the parsed part of the name t, a constant or a symbol. Raise an ArgumentError for any other name."""
         if node.id == "t":
             return _ParsedPart(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
             return self._checked_part(node, exact(value) if isinstance(value, int | float) else value)
-        if node.id in FUNCTION_CALL_BY_NAME:
-            self._refuse(node, FUNCTION_CALL_BY_NAME[node.id])
+        if node.id in FUNCTION_SIGNATURE_BY_NAME:
+            self._refuse(node, FUNCTION_SIGNATURE_BY_NAME[node.id])
         self._refuse_name(node)
 
     def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedPart:
-        """Return the parsed sum `a - b + c`, or product `a / b * c`, of any length as one level of nesting."""
+        """Return the parsed part of a sum `a - b + c` or a product `a / b * c` of any length, which counts as one
+        level of nesting. `operator_group` says which of the two.
+        """
         operators, operate_exactly, operate_on_floats, invert = operator_group
         inverted_operands, is_inverted, current = [], False, node
         while True:
@@ -271,24 +283,26 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
-        """Return the parsed part of a power."""
+        """Return the parsed part of a power. Raise an ArgumentError if its exponent is too large."""
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
-        """Return the parsed part of a function call."""
+        """Return the parsed part of a function call. Raise an ArgumentError for an unknown function or wrong
+        arguments.
+        """
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
         name = node.func.id
-        if name not in FUNCTION_CALL_BY_NAME:
+        if name not in FUNCTION_SIGNATURE_BY_NAME:
             if name == "t" or name in self.constants:
                 self._refuse(node, f"{name}*(...)")
             self._refuse_name(node.func)
-        call, count = FUNCTION_CALL_BY_NAME[name], len(node.args)
+        call, count = FUNCTION_SIGNATURE_BY_NAME[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
-        kinked_function = _KINKED_FUNCTION_BY_CALL.get(call)
+        kinked_function = _KINKED_FUNCTION_BY_SIGNATURE.get(call)
         first = (
             _ParsedPart(self._build_guard(node.args[0], depth), None)
             if kinked_function is Where
@@ -309,12 +323,14 @@ class _ExpressionBuilder:
             function = functools.partial(function, evaluate=False)
         elif is_constant and name in ("sin", "cos", "tan"):  # their values may have nested roots
             function = functools.partial(unnested, function)
-        elif not is_constant and name in _REAL_HYPERBOLIC_FUNCTIONS and not parts[0].expr.is_extended_real:
-            function = _REAL_HYPERBOLIC_FUNCTIONS[name]
+        elif not is_constant and name in _REAL_HYPERBOLIC_FUNCTION_BY_NAME and not parts[0].expr.is_extended_real:
+            function = _REAL_HYPERBOLIC_FUNCTION_BY_NAME[name]
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:
-        """Return a guard, an expression that is at least 0 where the condition of a syntax node holds."""
+        """Return the guard of a condition: an expression that is at least 0 exactly where the condition of the syntax
+        node holds. Raise an ArgumentError for other syntax.
+        """
         self._count_node(node, depth)
         match node:
             case ast.BoolOp():
@@ -336,7 +352,9 @@ class _ExpressionBuilder:
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedPart
     ) -> _ParsedPart:
-        """Return a function of parsed parts: of their floats, to find infinite results, and of their expressions."""
+        """Return the parsed part that results from a function of parsed parts, computed from their expressions and,
+        if they have no t, from their floats. Raise an ArgumentError for a result that is not finite or too large.
+        """
         exprs, values = zip(*parts, strict=True)
         try:
             value = None if None in values else operate_on_floats(*values)
@@ -345,7 +363,9 @@ class _ExpressionBuilder:
         return self._checked_part(node, operate_exactly(*exprs), value)
 
     def _checked_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
-        """Return a parsed part after checking that it is finite and not too large; `value` is its float, if known."""
+        """Return a parsed part of an expression. Raise an ArgumentError if the expression is not finite or too large.
+        `value` is its float, if it has no t and the float is known.
+        """
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
         for part in (expr, *expr.args):
@@ -360,7 +380,7 @@ class _ExpressionBuilder:
         return _ParsedPart(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Check that an exponent is small enough for SymPy to compute the power quickly."""
+        """Raise an ArgumentError if an exponent is too large for SymPy to compute the power quickly."""
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
@@ -368,7 +388,9 @@ class _ExpressionBuilder:
             self._refuse(node, f"exact numbers of at most {MAX_NUMBER_BITS} bits")
 
     def _count_node(self, node: ast.expr, depth: int = 0) -> None:
-        """Count a syntax node; raise ArgumentError if nodes are too many or nested too deep."""
+        """Increase the number of syntax nodes by one. Raise an ArgumentError if there are too many nodes or `depth`
+        is too large.
+        """
         self.nodes += 1
         if self.nodes > MAX_SYNTAX_NODES:
             self._refuse(node, f"at most {MAX_SYNTAX_NODES} numbers, names and operations")
@@ -376,14 +398,20 @@ class _ExpressionBuilder:
             self._refuse(node, f"at most {MAX_NESTING_DEPTH} levels of parentheses")
 
     def _source_of(self, node: ast.expr) -> str:
-        """Return the text of a node."""
+        """Return the part of the text that a syntax node covers."""
         return self.text[node.col_offset : node.end_col_offset]
 
     def _syntax_hint(self) -> str:
-        """Return a hint for a message on invalid syntax, such as a missing * or parenthesis; or an empty text."""
+        """Return a hint for the message on invalid syntax, such as a missing * or a missing parenthesis; an empty
+        text if there is none.
+        """
         match = _MISSING_OPERATOR_PATTERN.search(self.text)
-        if match and match[1] in FUNCTION_CALL_BY_NAME:
-            call = f"{match[1]}({match[2]})" if match[1] in SMOOTH_FUNCTION_NAMES else FUNCTION_CALL_BY_NAME[match[1]]
+        if match and match[1] in FUNCTION_SIGNATURE_BY_NAME:
+            call = (
+                f"{match[1]}({match[2]})"
+                if match[1] in SMOOTH_FUNCTION_NAMES
+                else FUNCTION_SIGNATURE_BY_NAME[match[1]]
+            )
             return f"; a function is called as {call}"
         if match and match[2].startswith("deg"):
             return f"; degrees are written {match[1][:_MAX_FRAGMENT_CHARACTERS]}*pi/180"
@@ -397,15 +425,19 @@ class _ExpressionBuilder:
         return "; an expression has no assignment: its name stands before the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
-        """Raise an ArgumentError about a syntax node, with the node's text and column."""
+        """Raise an ArgumentError on a syntax node, with the node's text, its column and the text `expected`."""
         source = self._source_of(node)
         shown = source if len(source) <= _MAX_FRAGMENT_CHARACTERS else source[: _MAX_FRAGMENT_CHARACTERS - 3] + "..."
         column = self.column + node.col_offset
         self._fail(expected, f"{shown} at column {column}", column)
 
     def _refuse_name(self, node: ast.Name) -> NoReturn:
-        """Raise an ArgumentError about an unknown name, with the nearest name or a hint."""
-        names = (*FUNCTION_CALL_BY_NAME, "t", *list(self.constants)[: _MAX_SHOWN_CONSTANTS + len(NAMED_CONSTANTS)])
+        """Raise an ArgumentError on an unknown name, with the known names, and with the nearest name or a hint."""
+        names = (
+            *FUNCTION_SIGNATURE_BY_NAME,
+            "t",
+            *list(self.constants)[: _MAX_SHOWN_CONSTANTS + len(NAMED_CONSTANTS)],
+        )
         column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_CHARACTERS]
         hint = f" ({_HINT_BY_UNKNOWN_NAME[short]})" if short in _HINT_BY_UNKNOWN_NAME else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{hint}"
@@ -415,22 +447,28 @@ class _ExpressionBuilder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
-        """Raise an ArgumentError about the text, with a caret under a column."""
+        """Raise an ArgumentError on the text; if a column is given, the error shows a caret there."""
         error = ArgumentError(self.name, expected, got)
         if column is not None:
             error.add_note(line_with_caret(self.line, column))
         raise error from None
 
 
-def _nest_by_halves(choose: Callable[[Expr, Expr], Expr], parts: Sequence[Expr]) -> Expr:
-    """Return `choose`, Larger or Smaller, of many parts as pairs nested by halves: SymPy fails on deep nesting."""
-    half = len(parts) // 2
+def _nest_by_halves(function: Callable[[Expr, Expr], Expr], arguments: Sequence[Expr]) -> Expr:
+    """Return Larger or Smaller (`function`) of many arguments as a balanced tree of pairs, since SymPy fails on deep
+    nesting.
+    """
+    half = len(arguments) // 2
     return (
-        parts[0] if not half else choose(_nest_by_halves(choose, parts[:half]), _nest_by_halves(choose, parts[half:]))
+        arguments[0]
+        if not half
+        else function(_nest_by_halves(function, arguments[:half]), _nest_by_halves(function, arguments[half:]))
     )
 
 
 def _negate_guard(guard: Expr) -> Expr:
-    """Return a guard that is at least 0 where this one is not."""
+    """Return a guard of the opposite condition: an expression that is at least 0 exactly where this guard is
+    below 0.
+    """
     is_negated = isinstance(guard, Where) and guard.args[1:] == (-1, 1)
     return guard.args[0] if is_negated else Where(guard, -1, 1)

@@ -47,14 +47,17 @@ _DESCRIPTION_BY_OUTPUT: Final = {
 
 
 class _EquationLine(NamedTuple):
-    """Equation of one or more equal components: their labels and their expression; later lines may use a label."""
+    """Equation of one or more equal components: their labels and their common expression, which may contain labels of
+    earlier lines.
+    """
 
     labels: tuple[str, ...]
     expr: Expr
 
 
 class FrameForms:
-    """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7).
+    """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7): attributes R,
+    S, jacobian, v and omega, immutable SymPy matrices.
 
     `R` and `S`, `jacobian` (6, dof) with rows (v, omega), `v` and `omega` are attributes: immutable SymPy matrices
     in the symbols `q` and `qd`, world axes. Numbers of the robot are exact as their shortest decimals; entries
@@ -62,7 +65,7 @@ class FrameForms:
 
     Args:
         robot: a robot with a fixed base.
-        frame: name of a link, a joint or another frame; None: the last link, if there is only one.
+        frame: name of a link, a joint or another frame; None means the last link, if there is only one.
         symbolic: ("u",) keeps components of joint points and of the frame's origin that are not 0 as symbols.
         notes: sentences on the robot's numbers, which are written above the output.
 
@@ -133,7 +136,8 @@ class FrameForms:
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = True, width: int = 100) -> str:
-        """Return one equation per component as text: `R_x = c_1 k_1 - s_1 k_2`; `short` abbreviates repeated parts.
+        """Return the equations of outputs as text, one equation per component: `R_x = c_1 k_1 - s_1 k_2`. With
+        `short`, sines, cosines and repeated sums are abbreviated. Raise an ArgumentError for an unknown output.
 
         Components that are equal are in one line; those that are 0 are in the last one. Rates are q_1'.
 
@@ -155,7 +159,9 @@ class FrameForms:
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = True) -> str:
-        r"""Return an align* environment of amsmath; rates are \dot{q}_1. Arguments as for `to_text`."""
+        r"""Return the equations of outputs as a LaTeX align* environment (amsmath). Rates are written \dot{q}_1.
+        Arguments and errors are those of `to_text`.
+        """
         rows = self._display_lines(self._checked_names(names), short)
         definitions = {**self._point_values(rows), **self._used_trig(rows)}
         lines = [f"{latex_name(symbol.name)} &= {to_decimal_latex(expr)}" for symbol, expr in definitions.items()]
@@ -167,7 +173,8 @@ class FrameForms:
         return notes + align_environment(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return a Python module that needs only NumPy, with one function of q, or of q and qd, per output.
+        """Return the source of a Python module that needs only NumPy, with one function of q, or of q and qd, per
+        output. `title` is put into its docstring. Raise an ArgumentError for an unknown output.
 
         Symbols of points are arguments, with the robot's numbers as defaults. `names` as for `to_text`.
         """
@@ -178,7 +185,8 @@ class FrameForms:
         return "\n\n".join([module, *map(self._function_source, self._checked_names(names))])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return, by label such as R_x, S_xy or Jv_x1, the text of each component that `sympy.sympify` reads.
+        """Return a dict from labels such as R_x, S_xy or Jv_x1 to the source of the component, which `sympy.sympify`
+        reads. Raise an ArgumentError for an unknown output.
 
         Components are expressions in q_1, qd_1 and so on. `names` as for `to_text`.
         """
@@ -190,7 +198,9 @@ class FrameForms:
     # ---- lines
 
     def _checked_names(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        """Return the names of outputs after checking them; all names for None."""
+        """Return the names of outputs as a tuple; None means all names. Raise an ArgumentError for an unknown
+        output.
+        """
         checked = self.names if names is None else tuple(names)
         for name in checked:
             if name not in self.names:
@@ -198,7 +208,7 @@ class FrameForms:
         return checked
 
     def _legend(self) -> str:
-        """Return text that says which joint each coordinate belongs to."""
+        """Return a text that says which joint each coordinate q_1, q_2, ... belongs to."""
         joints = (
             f"{symbol} {joint.name}{' [m]' * (joint.kind == 'slider')}"
             for symbol, joint in self._program.joints.items()
@@ -209,7 +219,7 @@ class FrameForms:
         return "; ".join(joints) + others
 
     def _labelled_components(self, names: Iterable[str]) -> Iterator[tuple[str, Expr]]:
-        """Yield the label and the expression of every component of the named outputs."""
+        """Yield (label, expression) for every component of the named outputs."""
         for name in names:
             if name == "jacobian":
                 columns = range(1, self._program.dof + 1)
@@ -220,7 +230,9 @@ class FrameForms:
             yield from zip(labels, self._program.results[name], strict=True)
 
     def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
-        """Return the equation lines of outputs, without the Jacobian's columns that are always 0."""
+        """Return the equation lines of outputs in the order of display. Columns of the Jacobian for joints that do
+        not move the frame are left out. `short` is as for `to_text`.
+        """
         hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
         columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
         return self._ordered_lines(
@@ -228,7 +240,9 @@ class FrameForms:
         )
 
     def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return the equation lines of labelled components, each after those it needs; equal ones share a line."""
+        """Return the equation lines of labelled components, each after the lines that it uses. Equal components share
+        a line, and all zeros are in the last one.
+        """
         labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
         for label, expr in labelled_components:
             shown = expr if short else self._in_coordinates(expr)
@@ -239,12 +253,12 @@ class FrameForms:
         return [*rows, _EquationLine(tuple(zeros), sympy.S.Zero)] if zeros else rows
 
     def _point_values(self, rows: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the values of points that occur in lines, by symbol."""
+        """Return the values of the point symbols that occur in lines, a dict by symbol."""
         symbols = set().union(*(row.expr.free_symbols for row in rows))
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
     def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the sines and cosines that occur in lines, by symbol in the order of display."""
+        """Return the sines and cosines that occur in lines, a dict by symbol in the order of display."""
         symbols = set().union(*(row.expr.free_symbols for row in lines))
         used_items = [item for item in self._program.waves.items() if item[0] in symbols]
         return dict(
@@ -252,19 +266,21 @@ class FrameForms:
         )
 
     def _in_coordinates(self, expr: Expr) -> Expr:
-        """Return an expression in q and qd in place of one with symbols of sums, sines and cosines."""
+        """Return an expression in q and qd: the symbols of sums, sines and cosines are replaced by their
+        definitions.
+        """
         while defined := expr.free_symbols & self._program.definitions.keys():
             expr = expr.xreplace({symbol: self._program.definitions[symbol] for symbol in defined})
         return expr.xreplace(self._program.waves)
 
     def _with_primes(self, expr: Expr) -> Expr:
-        """Return an expression with q_1' in place of qd_1."""
+        """Return an expression in which the symbols qd_1, qd_2, ... are replaced by q_1', q_2', ...."""
         return expr.xreplace(
             {rate: sympy.Symbol(f"{q.name}'", real=True) for rate, q in zip(self.qd, self.q, strict=True)}
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the Python source of the function that computes one output."""
+        """Return the Python source of the NumPy function that computes the output `name`."""
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
@@ -301,7 +317,9 @@ class FrameForms:
 
 
 class _LineNamer:
-    """Orders equation lines so that each needs earlier ones only, and names repeated expressions k_1, k_2."""
+    """Helper that orders equation lines so that each uses earlier ones only, and that names repeated expressions k_1,
+    k_2.
+    """
 
     def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
         self._definitions = definitions
@@ -318,13 +336,15 @@ class _LineNamer:
         self._name_count = 0
 
     def ordered(self) -> list[_EquationLine]:
-        """Return the equation lines, each after those that it needs."""
+        """Return the equation lines, each after the lines that it uses, including the lines of the names k_1, k_2."""
         for row in self._components:
             self._add_line(row)
         return self._lines
 
     def _count_uses(self) -> Counter[Expr]:
-        """Return how often each symbol is used in the lines and in the definitions that they need."""
+        """Return how often each defined symbol is used in the lines and in the definitions that they need, a
+        Counter.
+        """
         uses: Counter[Expr] = Counter()
         waiting = [row.expr for row in self._components]
         while waiting:
@@ -336,7 +356,7 @@ class _LineNamer:
         return uses
 
     def _add_line(self, row: _EquationLine) -> None:
-        """Add the line of a component, after adding the lines that it needs."""
+        """Append the line of a component, after the lines that it uses."""
         symbol = _defined_symbol(row, self._definitions)
         if symbol is None or symbol in self._names or self._defining_lines[symbol] is not row:
             self._lines.append(_EquationLine(row.labels, self._replace_symbols(row.expr)))
@@ -346,12 +366,16 @@ class _LineNamer:
         self._names[symbol] = sign * sympy.Symbol(row.labels[0], real=True)
 
     def _replace_symbols(self, expr: Expr) -> Expr:
-        """Return an expression in names that earlier lines define; adds these lines."""
+        """Return an expression in which defined symbols are replaced by the labels or names of lines. Append the
+        lines that are missing.
+        """
         defined = sorted(expr.free_symbols & self._definitions.keys(), key=lambda symbol: int(symbol.name[1:]))
         return expr.xreplace({symbol: self._resolved_symbol(symbol) for symbol in defined})
 
     def _resolved_symbol(self, symbol: Expr) -> Expr:
-        """Return the name of a symbol, after adding its line, or its definition where the symbol is used once."""
+        """Return the name that replaces a defined symbol, after appending its line; return its definition if the
+        symbol is used only once.
+        """
         if symbol not in self._names:
             meaning = self._replace_symbols(self._definitions[symbol])
             if self._uses[symbol] == 1:
@@ -364,23 +388,29 @@ class _LineNamer:
 
 
 def _defined_symbol(row: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
-    """Return the symbol that a line defines, with either sign; None where it defines none."""
+    """Return the symbol whose definition, with either sign, is the line's expression; None if there is no such
+    symbol.
+    """
     return next((symbol for symbol in (row.expr, -row.expr) if symbol in definitions), None)
 
 
 def _display_terms(expr: Expr) -> tuple[Expr, ...]:
-    """Return the terms of an expression in the order in which they are printed."""
+    """Return the terms of an expression in the order in which they are printed, with short constants."""
     return sorted_terms(with_short_constants(expr), by_symbols=True)
 
 
 def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[str]:
-    """Return one line of definitions of symbols; no line where there are none."""
+    """Return a list with one line of text of all definitions, formatted by `write`; an empty list without
+    definitions.
+    """
     line = "; ".join(f"{symbol} = {write(expr)}" for symbol, expr in definitions.items())
     return [line] if line else []
 
 
 def _with_decimals(expr: Expr) -> Expr:
-    """Return an expression in which each number that is no integer is a symbol, whose name is its decimal text."""
+    """Return an expression in which each number that is not an integer is replaced by a symbol whose name is its
+    decimal text.
+    """
     if not expr.free_symbols:
         value = constant_value(expr)
         symbol = expr if expr.is_Integer else sympy.Symbol(repr(abs(value)))

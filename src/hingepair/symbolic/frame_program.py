@@ -45,21 +45,25 @@ _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for
 
 
 class _Lever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints, and the angle by which the group rotates it."""
+    """Vector that is fixed in a body of a group of parallel joints, with the angle by which the group rotates it."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
 class _HingePart(NamedTuple):
-    """Hinge in a group of parallel joints: its column in q and the ratio of its rate to the coordinate's."""
+    """Hinge in a group of parallel joints: the column of its coordinate in q, and the ratio of its rate to that
+    coordinate's rate.
+    """
 
     column: int  # of its coordinate in q
     ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
 class _SliderPart(NamedTuple):
-    """Slider in a group of parallel joints: its direction, rotation angle, position, and column in q."""
+    """Slider in a group of parallel joints: rotation angle, direction, position along it, column of its coordinate in
+    q, and ratio of its rate to that coordinate's rate.
+    """
 
     angle: Expr  # that rotates it about the group's axis [rad]
     direction: VectorExpr  # at angle 0, in the axes of the group
@@ -69,7 +73,8 @@ class _SliderPart(NamedTuple):
 
 
 class _ParallelJoints:
-    """Group of consecutive joints with parallel axes, and of sliders between them, in the axes of the group's start.
+    """Group of consecutive joints with parallel axes, and of sliders between them. Its vectors are in the axes of the
+    first joint's parent.
 
     The first group has no axis: it holds the levers and sliders before the first hinge.
     """
@@ -84,28 +89,36 @@ class _ParallelJoints:
         self.parts: list[_Lever | _HingePart | _SliderPart] = []
 
     def sign(self, axis: Float64Array) -> int:
-        """Return 1 or -1 if an axis, in the last body's axes, is parallel or opposite to the group's; else 0."""
+        """Return 1 if an axis, in the axes of the last body, is parallel to the group's axis, -1 if it is opposite, 0
+        otherwise.
+        """
         if self.direction is None:
             return 0
         turned = self.fixed @ axis
         return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_AXES_TOLERANCE), 0)
 
     def to_group_axes(self, vector: Sequence[Expr]) -> VectorExpr:
-        """Return a vector of the last body at angle 0, in the axes of the group."""
+        """Return a vector in the axes of the last body, converted to the axes of the group at angle 0."""
         return _vector(eq.rotate(self.fixed_rotation(), tuple(vector)))
 
     def append_lever(self, point: Sequence[Expr]) -> None:
-        """Append a vector that is fixed in the last body, such as that to a joint's point, to the group's parts."""
+        """Append a vector that is fixed in the last body, such as the vector to a joint's point, to the parts of the
+        group.
+        """
         vector = self.to_group_axes(point)
         turns = any(eq.cross(self.axis, vector))
         self.parts.append(_Lever(self.angle if turns else sympy.S.Zero, vector))
 
     def fixed_rotation(self) -> MatrixExpr:
-        """Return the fixed rotation from the last body's axes to the group's, exact; nine entries."""
+        """Return the rotation from the axes of the last body to those of the group at angle 0, as nine exact
+        expressions row by row.
+        """
         return tuple(exact_entry(entry) for entry in self.fixed.ravel().tolist())
 
     def append_rotation(self, S: Float64Array) -> None:
-        """Rotate the last body's axes by the matrix S; add to the group's angle instead if S has the group's axis."""
+        """Rotate the axes of the last body by the matrix S. If S rotates about the group's axis, by an angle that is
+        not a right angle about x, y or z, add the angle to the group's angle instead.
+        """
         n = None if self.direction is None else self.fixed.T @ self.direction
         if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_TOLERANCE:
             doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
@@ -119,7 +132,8 @@ class _ParallelJoints:
 
 
 class FrameProgram:
-    """Program of expressions for the position, attitude, Jacobian and velocity of a frame, with named parts.
+    """Program of expressions for the position, attitude, Jacobian and velocity of one frame of a robot. Repeated
+    sums, sines and cosines are symbols with definitions.
 
     Args:
         tree: the robot, whose base rests at the origin.
@@ -161,7 +175,9 @@ class FrameProgram:
     # ---- groups of joints
 
     def _groups(self, tree: Tree, joint_numbers: Sequence[int]) -> list[_ParallelJoints]:
-        """Return the joints of a path, counted from 1, in groups of consecutive joints with parallel axes."""
+        """Return the joints of a path as a list of groups of consecutive joints with parallel axes. `joint_numbers`
+        counts joints from 1. Symbols of points are defined on the way.
+        """
         groups = [_ParallelJoints()]
         for number in joint_numbers:
             joint, group = tree.joints[number - 1], groups[-1]
@@ -188,12 +204,14 @@ class FrameProgram:
         return groups
 
     def _column(self, tree: Tree, joint: Joint) -> int:
-        """Return the column of q of a joint, or of the joint that it follows."""
+        """Return the column in q of a joint, or of the joint that it follows."""
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         return self._columns[leader.name]
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
-        """Return a point [m] as exact numbers, or as new symbols for components not 0 where points are symbolic."""
+        """Return a point [m] as three exact numbers. If points are symbolic, components that are not 0 become new
+        symbols, and their values are stored in `numbers`. Round-off counts as 0 and is recorded.
+        """
         size = float(np.abs(point).max())
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
@@ -211,14 +229,18 @@ class FrameProgram:
     # ---- sines, cosines and named sums
 
     def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
-        """Return the rotation matrix about a group's axis (E6), in symbols of the angle's sine and cosine."""
+        """Return the rotation matrix about a group's axis (E6) as nine expressions in symbols of the angle's sine and
+        cosine, which are defined at first use.
+        """
         if not angle:
             return _IDENTITY_MATRIX_EXPR
         s, c = self._trig_of(angle)
         return tuple(sympy.expand(entry) for entry in eq.hinge_rotation(axis, (s, 1 - c)))
 
     def _trig_of(self, angle: Expr) -> tuple[Expr, Expr]:
-        """Return symbols of an angle's sine and cosine, s_23 and c_23 of q_2 + q_3; define them at first use."""
+        """Return (sine, cosine) of an angle as symbols such as s_23 and c_23 for q_2 + q_3. Define them in `waves` at
+        first use.
+        """
         indices = [number for number, q in enumerate(self.q, 1) if q in angle.free_symbols]
         if angle.coeff(self.q[indices[0] - 1]).is_negative:
             s, c = self._trig_of(-angle)
@@ -233,11 +255,13 @@ class FrameProgram:
         return self._trig_symbols[angle]
 
     def _name_sums(self, parts: Sequence[Expr]) -> tuple[Expr, ...]:
-        """Return components with a symbol, defined at first use, in place of each that is a sum."""
+        """Return components in which each sum is replaced by a symbol. Define new symbols in `definitions`."""
         return tuple(self._name_sum(sympy.sympify(expr)) for expr in parts)
 
     def _name_sum(self, expr: Expr) -> Expr:
-        """Return a symbol for a sum, defined at first use, with its sign; other expressions stay as they are."""
+        """Return a symbol, with a sign, in place of a sum, and any other expression unchanged. Define a new symbol in
+        `definitions`.
+        """
         if not expr.is_Add:
             return expr
         if expr.could_extract_minus_sign():
@@ -251,7 +275,9 @@ class FrameProgram:
     # ---- attitudes outward, levers inward
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
-        """Return the attitudes at the starts of the groups and of the frame, and those after each rotation."""
+        """Return (attitudes, rotated): the attitude matrices at the start of each group and of the frame, and those
+        after the rotation of each group. Symbols of sums are defined.
+        """
         attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX_EXPR]
         rotated: list[MatrixExpr] = []
         for group in groups:
@@ -265,7 +291,9 @@ class FrameProgram:
         attitudes: Sequence[MatrixExpr],
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return R, jacobian, v and omega of the frame by name, from the levers from each joint to the frame."""
+        """Return R, jacobian, v and omega of the frame as a dict of tuples of expressions, computed from the vectors
+        from each joint to the frame. Symbols of sums are defined.
+        """
         lever = _ZERO_VECTOR_EXPR
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
         v, omega = _ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR
@@ -320,12 +348,14 @@ class FrameProgram:
         return {name: self._name_sums(parts) for name, parts in named.items()}
 
     def _named_vector(self, parts: Sequence[Expr]) -> VectorExpr:
-        """Return a vector with a symbol, defined at first use, in place of each component that is a sum."""
+        """Return a vector in which each component that is a sum is replaced by a symbol. Define new symbols in
+        `definitions`.
+        """
         return _vector(self._name_sums(parts))
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
-    """Return the numbers, counted from 1, of the joints from the base to a body."""
+    """Return the numbers, counted from 1, of the joints on the path from the base to a body, a list."""
     numbers = []
     while body:
         numbers.append(body)
@@ -334,11 +364,11 @@ def _joint_path(tree: Tree, body: int) -> list[int]:
 
 
 def _vector(parts: Sequence[Expr]) -> VectorExpr:
-    """Return three components as SymPy expressions."""
+    """Return three components as a tuple of SymPy expressions."""
     x, y, z = map(sympy.sympify, parts)
     return x, y, z
 
 
 def _count_all_symbols(parts: VectorExpr) -> int:
-    """Count the symbols of a vector."""
+    """Return the number of symbols in the components of a vector, counted with repetition."""
     return sum(map(count_symbols, parts))

@@ -19,7 +19,14 @@ from hingepair.symbolic.kinks import Choice, Expr, Remainder, SideOfZero, Where,
 ValueAndDerivatives: TypeAlias = tuple[Expr, Expr, Expr]
 """Value, first and second derivative by t."""
 
-SYMPY_ERRORS: Final = (ArithmeticError, AttributeError, NotImplementedError, RecursionError, TypeError, ValueError)
+SYMPY_ERROR_TYPES: Final = (
+    ArithmeticError,
+    AttributeError,
+    NotImplementedError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
 """Errors that SymPy raises on unusual but harmless expressions, such as asin(cos(1e300))."""
 
 MAX_NUMBER_BITS: Final = 4_096
@@ -32,7 +39,7 @@ SMOOTH_FUNCTION_NAMES: Final = (
 """Names of functions that SymPy and math share."""
 
 # Names of the functions that are compiled to NumPy.
-_COMPILED_FUNCTION_NAMES = (
+_FUNCTION_NAMES_COMPILED_TO_NUMPY = (
     *SMOOTH_FUNCTION_NAMES,
     "Abs",
     "sign",
@@ -46,21 +53,24 @@ _COMPILED_FUNCTION_NAMES = (
 
 
 class NotRealError(ArithmeticError):
-    """An expression or a derivative is not real, or contains a number that is no finite float."""
+    """Error on an expression or a derivative that is not real, or that contains a number beyond the range of
+    floats.
+    """
 
 
 def time_symbol() -> Expr:
-    """Return the SymPy symbol t, real, of every expression."""
+    """Return the real SymPy symbol t, which stands for time in every expression."""
     return sympy.Symbol("t", real=True)
 
 
 def bit_length(number: Expr) -> int:
-    """Return the number of bits of a rational number's numerator or denominator, the longer one."""
+    """Return the larger of the numbers of bits of a rational number's numerator and denominator."""
     return max(int(number.p).bit_length(), int(number.q).bit_length())
 
 
 class DerivativeProgram:
-    """Program of steps that compute expressions and two derivatives from t; it grows with each expression.
+    """Program of named steps that compute expressions in t and their first and second derivatives. Each expression
+    that is added appends steps.
 
     Attributes:
         steps: pairs of a name and its expression in t and earlier names.
@@ -76,7 +86,8 @@ class DerivativeProgram:
         self._constants: dict[Expr, Expr] = {}
 
     def value_and_derivatives(self, expr: Expr) -> ValueAndDerivatives:
-        """Return value, first and second derivative of an expression in t; each is a number, t, or a step's symbol.
+        """Return the value and the first and second derivative of an expression in t. Each is a number, t, or the
+        symbol of a step; missing steps are added. Raise NotRealError if one is not real and finite.
 
         Raises:
             NotRealError: one of them is not real and finite.
@@ -94,12 +105,12 @@ class DerivativeProgram:
         return self._derivatives[expr]
 
     def value(self, result: Expr) -> float | None:
-        """Return the float that a result is, or None where it depends on t."""
+        """Return the float of a program result that does not depend on t; None if it does."""
         constant: Expr = self._constants.get(result) or result
         return None if constant.free_symbols else constant_value(constant)
 
     def steps_for(self, results: list[Expr]) -> list[tuple[Expr, Expr]]:
-        """Return the steps, (symbol, expression), that some results need, in the order of computation."""
+        """Return the list of steps (symbol, expression) that the given results need, in the order of computation."""
         names = set().union(*(result.free_symbols for result in results))
         steps = []
         for name, step in reversed(self.steps):
@@ -109,7 +120,9 @@ class DerivativeProgram:
         return steps[::-1]
 
     def _combine(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return value and derivatives of an expression from those of its arguments; add steps that compute them."""
+        """Return the value and derivatives of an expression from those of its arguments. Add the steps that compute
+        them, and the switches of kinks.
+        """
         if expr.is_Mul:
             return functools.reduce(self._multiply, argument_derivatives)
         value = expr.func(*[value for value, _, _ in argument_derivatives])
@@ -141,7 +154,9 @@ class DerivativeProgram:
         return self._name_step(value), *(self._name_step(Where(side, x[k], y[k])) for k in (1, 2))
 
     def _side(self, guard: Expr) -> Expr:
-        """Return the symbol of a step that gives 1 or -1: the sign of a guard, or of its parts, just after t."""
+        """Return the symbol of a step whose value is 1 or -1: the sign of a guard just after t. The step is added at
+        first use.
+        """
         if guard not in self._sides:
             match guard:
                 case Choice():
@@ -154,13 +169,17 @@ class DerivativeProgram:
         return self._sides[guard]
 
     def _multiply(self, a: ValueAndDerivatives, b: ValueAndDerivatives) -> ValueAndDerivatives:
-        """Return value and derivatives of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
+        """Return the value and derivatives of a product, (a b)'' = a'' b + 2 a' b' + a b'', as numbers and symbols of
+        steps, which are added.
+        """
         first = a[1] * b[0] + a[0] * b[1]
         second = a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]
         return self._name_step(a[0] * b[0]), self._name_step(first), self._name_step(second)
 
     def _differentiate(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return value and derivatives of f(u, v) by the chain rule; expr is f in terms of the symbols of u and v."""
+        """Return the value and derivatives of a function of symbols by the chain rule, as numbers and symbols of
+        steps, which are added. `expr` is the function in terms of its arguments' value symbols.
+        """
         parts = {value: (first, second) for value, first, second in argument_derivatives if value.is_Symbol}
         value, first, second = self._name_step(expr), 0, 0
         for u, (ud, udd) in parts.items():
@@ -173,12 +192,16 @@ class DerivativeProgram:
         return value, self._name_step(first), self._name_step(second)
 
     def _share(self, expr: Expr) -> Expr:
-        """Replace functions in an expression by steps of their own, since f, f' and f'' mostly share them."""
+        """Return an expression in which innermost functions are replaced by the symbols of steps, since f, f' and f''
+        often share them. The steps are added.
+        """
         functions = [f for f in expr.atoms(sympy.Function) if all(part.is_Atom for part in f.args)]
         return expr.xreplace({f: self._name_step(f) for f in functions})
 
     def _name_step(self, expr: Expr) -> Expr:
-        """Return the symbol of a step that computes an expression, added at first use; numbers and symbols stay."""
+        """Return the symbol of the step that computes an expression. The step is added at first use; rational numbers
+        and symbols are returned as they are. Raise NotRealError if the expression is not real.
+        """
         expr = sympy.sympify(expr)
         if expr.free_symbols <= self._constants.keys():
             expr = expr.xreplace(self._constants)
@@ -196,7 +219,7 @@ class DerivativeProgram:
 
 
 def _check_real(expr: Expr) -> None:
-    """Check that NumPy can evaluate an expression in real numbers; raise NotRealError if not."""
+    """Raise NotRealError unless NumPy can evaluate an expression in real, finite numbers."""
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
     if any(bit_length(number) > MAX_NUMBER_BITS for number in expr.atoms(sympy.Rational)):
@@ -207,12 +230,12 @@ def _check_real(expr: Expr) -> None:
         if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
             raise NotRealError(f"a power of the negative number {power.base}")
     for function in expr.atoms(sympy.Function, sympy.Derivative, sympy.Subs, sympy.Piecewise):
-        if type(function).__name__ not in _COMPILED_FUNCTION_NAMES:
+        if type(function).__name__ not in _FUNCTION_NAMES_COMPILED_TO_NUMPY:
             raise NotRealError(f"{type(function).__name__}(...)")
 
 
 def _constant_parts(expr: Expr) -> Iterator[Expr]:
-    """Yield the largest parts of an expression that have no symbols."""
+    """Yield the largest parts of an expression that contain no symbols."""
     parts = sympy.preorder_traversal(expr)
     for part in parts:
         if not part.free_symbols:

@@ -16,12 +16,14 @@ Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
 
 
 def real_symbol(name: str) -> Expr:
-    """Return the real symbol of a name."""
+    """Return the SymPy symbol of a name, declared as real."""
     return sympy.Symbol(name, real=True)
 
 
 def constant_value(expr: Expr) -> float:
-    """Return the float nearest to an expression without t; inf or NaN where there is none."""
+    """Return the float nearest to a SymPy expression without symbols; inf if it is too large, NaN if it has no real
+    value.
+    """
     if expr.is_Rational:
         try:
             return int(expr.p) / int(expr.q)
@@ -32,7 +34,8 @@ def constant_value(expr: Expr) -> float:
 
 
 def _without_proofs(function: type) -> type:
-    """Return a copy of SymPy's hyperbolic function that counts as real, and of which SymPy proves nothing else.
+    """Return a subclass of a SymPy hyperbolic function that is declared as real, and about which SymPy derives no
+    other property such as its sign.
 
     To find out whether such a function is zero or positive, SymPy splits its argument into real and imaginary parts,
     which takes for ever where the argument is a sum or product of many roots.
@@ -47,7 +50,9 @@ sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
 
 
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """Base of SymPy functions with kinks; `numpy`, `text`, `latex` are their notations with arguments {0}, {1}."""
+    """Base class of SymPy functions with kinks or jumps. `numpy`, `text` and `latex` are format strings of a call,
+    with {0}, {1} for the arguments.
+    """
 
     is_real = True
     numpy = text = latex = ""
@@ -61,7 +66,9 @@ class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
 
 
 class Choice(Kinked):
-    """Base of choices between the last two arguments: the first where `guard` is at least 0, else the second."""
+    """Base class of SymPy functions that choose between their last two arguments: the first of them where `guard` is
+    at least 0, otherwise the second.
+    """
 
     guard: Expr
 
@@ -70,7 +77,7 @@ class Choice(Kinked):
 
 
 class Where(Choice):
-    """SymPy function `Where(guard, x, y)`: x where guard >= 0, else y; NaN where the guard is.
+    """SymPy function `Where(guard, x, y)`: x where guard >= 0, y where guard < 0, NaN where the guard is NaN.
 
     >>> t = sympy.Symbol("t", real=True)
     >>> Where(t - 1, t**2, 0).diff(t), Where(-1, t, 0), Where(Where(t, -1, 1), 2, 3)
@@ -85,7 +92,9 @@ class Where(Choice):
 
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
-        """Return a simpler form of a choice, where its guard has no t or chooses between constants; else None."""
+        """Return a simpler equivalent expression if the guard has no symbols, x equals y, or the guard is itself a
+        choice between constants; otherwise None.
+        """
         if not guard.free_symbols:
             return x if constant_value(guard) >= 0 else y
         if x == y:
@@ -96,7 +105,7 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """Base of the SymPy functions for the larger and the smaller of two arguments."""
+    """Base class of the SymPy functions Larger and Smaller of two arguments."""
 
     nargs = 2
     sense = 0
@@ -104,34 +113,36 @@ class Extreme(Choice):
 
     @classmethod
     def eval(cls, x: Expr, y: Expr) -> Expr | None:
-        """Return the argument chosen, where the choice does not depend on t."""
+        """Return the chosen argument if the difference of the arguments has no symbols; otherwise None."""
         guard = cls.sense * (x - y)
         return None if guard.free_symbols else Where(guard, x, y)
 
 
 class Larger(Extreme):
-    """SymPy function for the larger of two arguments."""
+    """SymPy function `Larger(x, y)`: the larger of two arguments."""
 
     sense = 1
     numpy, text, latex = "numpy.maximum({0}, {1})", "max({0}, {1})", r"\max\left({0}, {1}\right)"
 
 
 class Smaller(Extreme):
-    """SymPy function for the smaller of two arguments."""
+    """SymPy function `Smaller(x, y)`: the smaller of two arguments."""
 
     sense = -1
     numpy, text, latex = "numpy.minimum({0}, {1})", "min({0}, {1})", r"\min\left({0}, {1}\right)"
 
 
 class Remainder(Kinked):
-    """SymPy function `Remainder(x, period)`: x less whole periods, from 0 to below the period, a positive number."""
+    """SymPy function `Remainder(x, period)`: x minus a whole number of periods, at least 0 and below the positive
+    period.
+    """
 
     nargs = 2
     numpy, text, latex = "numpy.mod({0}, {1})", "mod({0}, {1})", r"\left({0} \bmod {1}\right)"
 
     @classmethod
     def eval(cls, x: Expr, period: Expr) -> Expr | None:
-        """Return the remainder of an argument that does not depend on t."""
+        """Return the remainder as an expression if x has no symbols; otherwise None."""
         return None if x.free_symbols else x - period * sympy.floor(x / period)
 
     def _eval_derivative(self, symbol: Expr) -> Expr:
@@ -139,7 +150,8 @@ class Remainder(Kinked):
 
 
 class SideOfZero(Kinked):
-    """SymPy function `SideOfZero(g, g', g'')`: 1 or -1, the sign of g just after t; NaN where g is.
+    """SymPy function `SideOfZero(g, g', g'')` of a function g of t and its derivatives: 1 or -1, the sign of g just
+    after t; NaN where g is NaN.
 
     It occurs in guards only, where text shows g instead.
     """

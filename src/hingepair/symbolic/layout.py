@@ -15,7 +15,9 @@ _NO_BREAK_SPACE: Final = "\N{NO-BREAK SPACE}"  # a blank at which no line is bro
 
 
 def wrap_equation(line: str, width: int) -> str:
-    """Return a line broken to a width: after semicolons, where there are none before + or -, else at any blank."""
+    """Return a line of text with line breaks, so that lines have at most `width` characters. It breaks after
+    semicolons first, then before + or -, then at any blank.
+    """
     pieces = [line]
     for breaks in ((("; ", ";\0"),), ((" + ", "\0+ "), (" - ", "\0- ")), ((" ", "\0"),)):
         pieces = [part for piece in pieces for part in _break_line(piece, breaks, width)]
@@ -23,7 +25,9 @@ def wrap_equation(line: str, width: int) -> str:
 
 
 def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return a line wrapped to a width; each pair is a text and its copy with a null character where it may break."""
+    """Return the pieces of a line wrapped to `width`. Each pair in `marked_breaks` is a text and its copy with a null
+    character at the place of a possible break.
+    """
     fixed = line.lstrip()
     for text, marked_text in marked_breaks:
         fixed = fixed.replace(text, marked_text)
@@ -40,7 +44,9 @@ def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int)
 
 
 def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[str]:
-    """Return the lines of the LaTeX equation `label = sum of terms` for an align* environment."""
+    """Return the lines of the LaTeX equation `label = sum of terms` for an align* environment, a list. `format_term`
+    returns the LaTeX of a term.
+    """
     lines: list[str] = []
     line, filled = f"{latex_name(label)} &=", 0
     for text, term in zip(
@@ -56,18 +62,20 @@ def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[
 
 
 def align_environment(lines: Sequence[str]) -> str:
-    """Return an align* environment of lines."""
+    """Return the text of a LaTeX align* environment with the given lines."""
     return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
 
 def title_suffix(title: str) -> str:
-    """Return a colon and the title, for the first line of a module's docstring; empty without a title."""
+    """Return a colon and the title for the first line of a module's docstring; an empty text without a title."""
     text = docstring_text(title)
     return f": {text}" if text else ""
 
 
 def docstring_text(text: str) -> str:
-    """Return a text as one line that a docstring or comment can contain; other characters are dropped."""
+    """Return a text as one line that a docstring or a comment can contain. Quotes, backslashes and unprintable
+    characters are dropped.
+    """
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 

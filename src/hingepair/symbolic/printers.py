@@ -20,13 +20,13 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 _MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
-_MAX_FRACTION_INTEGER: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
-_MAX_EXACT_INTEGER: Final = 2**53  # integers below are exact as floats
+_MAX_PRINTED_FRACTION_INTEGER: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
+_MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
-_MAX_EXACT_NUMBER_LENGTH: Final = 18
-_MIN_SUM_TO_TERM_RATIO: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+_MAX_EXACT_NUMBER_CHARACTERS: Final = 18
+_MIN_SUM_TO_LARGEST_TERM: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
-_MAX_SMALL_DENOMINATOR: Final = 4
+_MAX_DENOMINATOR_AMONG_DECIMALS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_BY_SYMBOL_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
 _SUPERSCRIPT_TRANSLATION = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
@@ -36,19 +36,23 @@ Writer: TypeAlias = Callable[[Expr], str]
 
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
-    """Format a sum with its terms in their order; derivatives of functions of t are x', x''."""
+    """Return the text of a sum, its terms in the given order, each formatted by `write`. Derivatives of functions of
+    t are x', x''.
+    """
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
 def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
-    """Format the terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
+    """Return the texts of the terms of a sum in the given order, each after its sign: `+ x'`, `- 2 sin t`."""
     symbolic_terms = with_symbols(terms, "'")
     return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
 
 
 def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
-    """Return expressions with symbols for functions of t and their derivatives: psi, psi', psi'' with the mark '."""
+    """Return the expressions with functions of t and their derivatives replaced by symbols. The derivative mark is
+    repeated: psi, psi', psi'' for the mark '.
+    """
     expressions = list(exprs)
     symbols = {
         function.diff((*function.args, order)): sympy.Symbol(
@@ -61,7 +65,7 @@ def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
 
 
 def latex_name(name: str) -> str:
-    r"""Return the LaTeX of a symbol's name: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
+    r"""Return the LaTeX of a symbol's name: `phi_x'` becomes \dot{\phi}_{x}, `u1_x` becomes u_{1,x}.
 
     >>> latex_name("phi_x'"), latex_name("u1_x")
     ('\\dot{\\phi}_{x}', 'u_{1,x}')
@@ -86,15 +90,21 @@ def latex_name(name: str) -> str:
 
 
 def _decimal_text(value: Expr, max_denominator: int = _MAX_READABLE_DENOMINATOR) -> str | None:
-    """Return the decimal text of a rational number whose fraction is harder to read; None for another."""
-    if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_INTEGER:
+    """Return the decimal text of a rational number if it is easier to read than its fraction; otherwise None.
+    Fractions with a denominator up to `max_denominator` stay fractions.
+    """
+    if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_FRACTION_INTEGER else None
+    return (
+        _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_PRINTED_FRACTION_INTEGER else None
+    )
 
 
 def _seventeen_digits(value: Expr) -> str:
-    """Return the text of a rational number to 17 digits, also beyond the range of floats."""
+    """Return a rational number as decimal text, the shortest that gives its float, or 17 digits beyond the range of
+    floats.
+    """
     with contextlib.suppress(OverflowError):
         number = int(value.p) / int(value.q)
         if number:
@@ -104,7 +114,7 @@ def _seventeen_digits(value: Expr) -> str:
 
 
 def is_simple(angle: Expr) -> bool:
-    """Return whether an angle is a symbol or a positive integer times one, as t and 3t."""
+    """Return whether an angle is a symbol or a positive integer times a symbol, as t and 3t."""
     coefficient, rest = angle.as_coeff_Mul()
     return bool(rest.is_Symbol and coefficient.is_Integer and coefficient > 0)
 
@@ -120,7 +130,8 @@ def _is_root(power: Expr) -> bool:
 
 
 class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """Printer of NumPy source, names with their module; a part without symbols is printed as its nearest float.
+    """Printer of SymPy expressions as NumPy source. Names are prefixed with the module. A part without symbols is
+    printed as its nearest float.
 
     A NumPy float overflows to inf, where a Python number raises or, as a large integer, has no sine.
     """
@@ -129,9 +140,11 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
-        """Return the source of an expression; a part without symbols is its nearest float."""
+        """Return the NumPy source of an expression. A part without symbols becomes an integer, a fraction of integers
+        or its nearest float.
+        """
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
-            if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_INTEGER:
+            if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_FLOAT_INTEGER:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
             value = constant_value(expr)
             return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
@@ -143,10 +156,10 @@ _SYMPY_NAME_BY_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min"
 
 
 class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
-    """Printer of source that `sympy.sympify` reads, in SymPy's own functions."""
+    """Printer of SymPy expressions as source that `sympy.sympify` reads, in SymPy's own functions."""
 
     def _print_Function(self, expr: Expr) -> str:
-        """Return the text of a function call, with SymPy's Max, Min, Mod or Piecewise for functions with kinks."""
+        """Return the source of a function call. Functions with kinks become SymPy's Max, Min, Mod or Piecewise."""
         if type(expr) in _SYMPY_NAME_BY_CLASS:
             return f"{_SYMPY_NAME_BY_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
@@ -155,7 +168,7 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr))
 
     def _condition_source(self, guard: Expr) -> str:
-        """Return the condition that a guard is at least 0, as text for `sympy.sympify`."""
+        """Return the source, for `sympy.sympify`, of the condition that a guard is at least 0."""
         match guard:
             case Smaller() | Larger():
                 sign = " & " if isinstance(guard, Smaller) else " | "
@@ -167,7 +180,9 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return f"{self._print(guard)} >= 0"
 
     def _condition_just_after(self, value: Expr, *rates: Expr) -> str:
-        """Return, as text for sympify, the condition that a value with these rates is at least 0 just after t."""
+        """Return the source, for `sympy.sympify`, of the condition that a function is at least 0 just after t, from
+        its value and its derivatives (`rates`) at t.
+        """
         shown = self._print(value)
         if not rates or (value.is_number and value != 0):
             return f"{shown} >= 0"
@@ -180,7 +195,9 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
 
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
-    r"""Printer of LaTeX, with fractions before the factors they multiply: \frac{5}{2} \sin 2 t."""
+    r"""Printer of SymPy expressions as LaTeX, with fractions in front of the factors that they multiply: \frac{5}{2}
+    \sin 2 t.
+    """
 
     max_denominator = _MAX_READABLE_DENOMINATOR
 
@@ -188,7 +205,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
-        """Return the LaTeX of a rational number: a fraction, or a decimal where that is easier to read."""
+        """Return the LaTeX of a rational number: a fraction, or a decimal if that is easier to read."""
         shown = _decimal_text(expr, self.max_denominator)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
@@ -204,17 +221,19 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr, exp))
 
     def _print_Mul(self, expr: Expr) -> str:
-        """Return the LaTeX of a product, with a fraction in front of the other factors."""
+        """Return the LaTeX of a product, with its rational coefficient in front of the other factors."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
-        if fraction or (coefficient.q == 1 and abs(coefficient) < _MAX_EXACT_INTEGER):
+        if fraction or (coefficient.q == 1 and abs(coefficient) < _MAX_EXACT_FLOAT_INTEGER):
             return str(super()._print_Mul(expr))
         shown = self._print(rest)
         return f"{self._print(coefficient)} " + (f"\\left({shown}\\right)" if rest.is_Add else shown)
 
 
 class _TextPrinter(StrPrinter):  # type: ignore[misc]
-    """Printer of plain text in mathematical notation: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 + t²)`."""
+    """Printer of SymPy expressions as plain text in mathematical notation: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 +
+    t²)`.
+    """
 
     max_denominator = _MAX_READABLE_DENOMINATOR
     needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
@@ -239,7 +258,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return join_terms(sorted_terms(expr), self._print)
 
     def _print_Function(self, expr: Expr) -> str:
-        """Return the text of a function call; sin and cos of t, 3t and the like need no parentheses."""
+        """Return the text of a function call. The sine and cosine of t, 3t and the like have no parentheses."""
         outer, self.needs_parentheses = self.needs_parentheses, False
         arguments = [self._print(part) for part in expr.args]
         self.needs_parentheses = outer
@@ -252,7 +271,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     _print_ExpBase = _print_Function  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
-        """Return the text of a power: x², √x, or x^(a + b); one with a negative exponent is a fraction."""
+        """Return the text of a power: x², √x or x^(a + b). A power with a negative exponent is a fraction."""
         if _is_inverse(expr):
             return self._print_Mul(expr)
         base = self._parenthesise(expr.base)
@@ -263,14 +282,16 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
-        """Return the text of a product, with factors of negative exponent behind a slash."""
+        """Return the text of a product. Factors with a negative exponent form the denominator after a slash."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         factors = sympy.Mul.make_args(rest)
         over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_factor_key)
         under = [1 / f for f in factors if _is_inverse(f)]
         sign, size = "-" if coefficient.is_negative else "", abs(coefficient)
         if not under:
-            close = size.is_Integer and size < _MAX_EXACT_INTEGER and over[0].is_Symbol and len(over[0].name) == 1
+            close = (
+                size.is_Integer and size < _MAX_EXACT_FLOAT_INTEGER and over[0].is_Symbol and len(over[0].name) == 1
+            )
             number = "" if size == 1 else self._print(size) + " " * (not close)
             return sign + number + " ".join(self._print_factor(f) for f in over)
         top, bottom = (
@@ -281,15 +302,15 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
     def _print_factor(self, expr: Expr) -> str:
-        """Format a factor of a product."""
+        """Return the text of a factor of a product, in parentheses if it needs them."""
         return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
 
     def _operand(self, expr: Expr) -> str:
-        """Format a factor of a fraction; square roots need no parentheses."""
+        """Return the text of a factor of a fraction, in parentheses if it needs them; square roots do not."""
         return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._parenthesise(expr)
 
     def _parenthesise(self, expr: Expr) -> str:
-        """Return the text of an operand of a power or a fraction, in parentheses where it needs them."""
+        """Return the text of an operand of a power or a fraction, in parentheses if it needs them."""
         outer, self.needs_parentheses = self.needs_parentheses, True
         text = self._print(expr)
         self.needs_parentheses = outer
@@ -299,7 +320,8 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
 
 
 def with_short_constants(expr: Expr) -> Expr:
-    """Return an expression in which each constant is one number: exact, or a decimal where that is shorter.
+    """Return an expression in which each constant part is a single number: its exact form, or a rational with its
+    decimal digits if the exact form is too long.
 
     >>> x = sympy.Symbol("x", real=True)
     >>> to_text(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
@@ -316,11 +338,13 @@ def with_short_constants(expr: Expr) -> Expr:
 
 
 def _short_constant(constant: Expr) -> Expr:
-    """Return a number as it is, or as the rational number that its shortest decimal writes where that is shorter."""
-    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_NUMBER_LENGTH:
+    """Return a constant unchanged if its exact text is short; otherwise the rational number that the shortest decimal
+    of its float shows, or 0 for a sum that cancels.
+    """
+    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_NUMBER_CHARACTERS:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _MIN_SUM_TO_TERM_RATIO * max(
+    if abs(value) <= _MIN_SUM_TO_LARGEST_TERM * max(
         abs(constant_value(term)) for term in sympy.Add.make_args(constant)
     ):
         return sympy.S.Zero
@@ -329,14 +353,17 @@ def _short_constant(constant: Expr) -> Expr:
 
 @functools.lru_cache(maxsize=65536)
 def count_symbols(expr: Expr) -> int:
-    """Return how often symbols occur in an expression; x(t) and its derivatives are symbols, numbers are not."""
+    """Return the number of symbols in an expression, counted with repetition; x(t) and its derivatives count as
+    symbols, numbers do not.
+    """
     if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
         return 0 if expr.is_number else 1
     return sum(map(count_symbols, expr.args))
 
 
 def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
-    """Return the terms of a sum sorted: short and light ones first, if possible one without a minus sign in front.
+    """Return the terms of a sum as a sorted tuple: terms with few symbols first, but if possible a term without a
+    minus sign at the front.
 
     Terms with equally many symbols are sorted by coefficient, or, with `by_symbols`, by symbols, short names first.
     """
@@ -352,7 +379,7 @@ def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
 
 
 def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
-    """Return the sort key of a factor: symbols, then sums, then functions."""
+    """Return the sort key of a factor of a product, which puts symbols first, then sums, then functions."""
     base = factor.base if factor.is_Pow else factor
     return bool(base.is_Function), bool(base.is_Add), factor.sort_key()
 
@@ -360,13 +387,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_SMALL_DENOMINATOR
+    max_denominator = _MAX_DENOMINATOR_AMONG_DECIMALS
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_SMALL_DENOMINATOR
+    max_denominator = _MAX_DENOMINATOR_AMONG_DECIMALS
 
 
 # The printers of expressions as functions.

@@ -14,7 +14,13 @@ import sympy
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.symbolic.jets import SYMPY_ERRORS, DerivativeProgram, NotRealError, ValueAndDerivatives, time_symbol
+from hingepair.symbolic.jets import (
+    SYMPY_ERROR_TYPES,
+    DerivativeProgram,
+    NotRealError,
+    ValueAndDerivatives,
+    time_symbol,
+)
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import NumPySourcePrinter
 
@@ -27,7 +33,8 @@ _SAMPLES_PER_EVALUATION_BLOCK = 2048  # samples that are computed at a time; int
 
 
 class TimeFunctions:
-    """Expressions in t that are evaluated with their exact first and second derivatives by NumPy.
+    """Expressions in t, compiled to NumPy functions that compute their values and their exact first and second
+    derivatives.
 
     Args:
         expressions: SymPy expressions in `time_symbol()`.
@@ -55,11 +62,12 @@ class TimeFunctions:
                 self._derivatives.append(self._program.value_and_derivatives(expr))
             except NotRealError as error:
                 raise ArgumentError(name, expected, str(error)) from None
-            except SYMPY_ERRORS:
+            except SYMPY_ERROR_TYPES:
                 raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
     def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
-        """Return values and derivatives up to an order: a tuple for each order, with one entry per expression.
+        """Return values and derivatives up to `order` at t: a tuple for each order, with one entry per expression. An
+        entry is an array of t's shape, or a float if it does not depend on t.
 
         Entries are arrays of t's shape, or Python floats where they do not depend on t. Samples where an expression
         has no real value, or no derivative, are NaN; at a kink, derivatives are those from the right.
@@ -75,20 +83,26 @@ class TimeFunctions:
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *instants_and_values: NDArray[np.float64]) -> tuple[TimeValue, ...]:
-        """Return the expressions at instants and values of the symbols, arrays of one shape; constants as floats."""
+        """Return the values of the expressions at instants t and values of the further symbols, given as arrays of
+        one shape. Constant expressions give floats, complex results give NaN.
+        """
         function = self._compiled(tuple(value for value, _, _ in self._derivatives))
         with np.errstate(all="ignore"):
             return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*instants_and_values))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether a kink or jump lies between neighbouring, increasing instants [s]; shape (N - 1,)."""
+        """Return for each interval between neighbouring, increasing instants [s] whether an expression has a kink or
+        a jump in it; shape (N - 1,).
+        """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample(self._program.switches, t):
             switched |= np.abs(np.diff(np.broadcast_to(sides, t.shape))) > 0  # False for NaN
         return switched
 
     def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[TimeValue]:
-        """Return results of the program at all instants, evaluated in blocks; those without t as floats."""
+        """Return the values of program results at all instants, a list of arrays (N,), evaluated in blocks. A result
+        without t is a float.
+        """
         constants = [self._program.value(result) for result in results]
         rows = {result: np.empty(t.shape) for result, value in zip(results, constants, strict=True) if value is None}
         if rows:
@@ -101,7 +115,7 @@ class TimeFunctions:
         return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]
 
     def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
-        """Return a NumPy function of t and the symbols that computes results of the program."""
+        """Return a NumPy function of t and the further symbols that returns the values of program results."""
         steps = self._program.steps_for(list(results))
         function: Callable[..., Sequence[Any]] = sympy.lambdify(
             self._symbols,

@@ -23,7 +23,9 @@ MAX_MULTIPLIED_TERM_PAIRS: Final = 10_000
 
 
 class _TrigTerm(NamedTuple):
-    """Term of a sum without its rational coefficient: rest * sin(angle) or rest * cos(angle)."""
+    """Term of a sum without its rational coefficient: rest * sin(angle) or rest * cos(angle). A term without sine or
+    cosine has angle 0.
+    """
 
     rest: Expr
     angle: Expr
@@ -38,7 +40,8 @@ class _TooManyTermsError(ArithmeticError):
 
 
 def trig_sum(expr: Expr) -> Expr | None:
-    """Return an expression as a sum of terms with at most one sine or cosine each; None if there are too many.
+    """Return an expression as an equal sum of terms with at most one sine or cosine each; None if there would be too
+    many terms.
 
     Sines and cosines with a common factor are put together, and so are the constants that multiply one sine or
     cosine.
@@ -59,7 +62,9 @@ def trig_sum(expr: Expr) -> Expr | None:
 
 
 def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr:
-    """Return a sum of constants times sums of sines and cosines, arranged so that each sine or cosine occurs once."""
+    """Return the sum of constant * coefficient * wave as an expression in which each wave, a sine or cosine, occurs
+    once. The argument maps each constant to its coefficients by wave.
+    """
     waves: dict[Expr, list[Expr]] = {}
     for constant, coefficients in coefficients_by_constant.items():
         for wave, coefficient in coefficients.items():
@@ -71,17 +76,23 @@ def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr
 
 
 def sine_expression(angle: Expr) -> Expr:
-    """Return the sine of an angle, unevaluated where SymPy would give an algebraic function or nested roots."""
+    """Return the sine of an angle as an expression; it is left unevaluated if SymPy's value would be an algebraic
+    function or have nested roots.
+    """
     return _evaluate_trig(sympy.sin, angle)
 
 
 def cosine_expression(angle: Expr) -> Expr:
-    """Return the cosine of an angle, unevaluated as the sine is: cos(atan(x)) may become cos(atan(x) + ...)."""
+    """Return the cosine of an angle as an expression; it is left unevaluated if SymPy's value would be an algebraic
+    function or have nested roots.
+    """
     return _evaluate_trig(sympy.cos, angle)
 
 
 def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
-    """Return a sine or cosine of an angle, unevaluated where SymPy's value is neither a sine nor a cosine."""
+    """Return the sine or cosine (`function`) of an angle as an expression; it is left unevaluated if SymPy's value is
+    neither a sine nor a cosine, or has nested roots.
+    """
     if not angle.free_symbols:
         return unnested(function, angle)
     value = function(angle)
@@ -91,7 +102,9 @@ def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
 
 @functools.lru_cache(maxsize=512)
 def _expand_terms(expr: Expr) -> _TrigTerms:
-    """Return coefficients by term of an expression as a sum; the result is cached and must not be changed."""
+    """Return an expression expanded to a sum, as a dict of coefficients by term. The result is cached and must not be
+    changed. Raise _TooManyTermsError if the sum is too long.
+    """
     if expr.is_Add:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
     if expr.is_Mul:
@@ -105,7 +118,9 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
-    """Return the product of two sums as coefficients by term; raise _TooManyTermsError if it is too long."""
+    """Return the product of two sums as a dict of coefficients by term. Raise _TooManyTermsError if it is too
+    long.
+    """
     if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
         raise _TooManyTermsError
     return _collect_terms(
@@ -114,7 +129,9 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
 
 
 def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
-    """Return coefficients by term, equal terms added up and those dropped that vanish."""
+    """Return a dict of coefficients by term from (term, coefficient) pairs. Coefficients of equal terms are added,
+    and zeros left out. Raise _TooManyTermsError for more than MAX_SUM_TERMS terms.
+    """
     total: _TrigTerms = {}
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient
@@ -126,7 +143,9 @@ def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
 
 @functools.lru_cache(maxsize=65536)
 def _multiply_factors(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return the product of two terms as terms with coefficients: 2 sin a cos b = sin(a - b) + sin(a + b)."""
+    """Return the product of two terms as a tuple of (term, coefficient) pairs, by formulas such as 2 sin a cos b =
+    sin(a - b) + sin(a + b).
+    """
     coefficient, rest = _split_rational(a.rest * b.rest)
     if a.angle == 0 or b.angle == 0:
         angle, is_sine = (b.angle, b.is_sine) if a.angle == 0 else (a.angle, a.is_sine)
@@ -146,7 +165,9 @@ def _multiply_factors(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Frac
 
 @functools.lru_cache(maxsize=65536)
 def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return a sine or cosine of an angle as a term with its coefficient, in SymPy's form, so equal terms meet."""
+    """Return the sine or cosine of an angle in SymPy's standard form, so that equal terms compare equal: a tuple of
+    one (term, coefficient) pair, empty if the value is 0.
+    """
     coefficient, wave = _split_rational(sine_expression(angle) if is_sine else cosine_expression(angle))
     if not coefficient:
         return ()
@@ -156,6 +177,8 @@ def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fracti
 
 
 def _split_rational(expr: Expr) -> tuple[Fraction, Expr]:
-    """Split a product into its rational factor and the other factors."""
+    """Return (coefficient, rest) of a product: its rational factor as a Fraction, and the product of the other
+    factors.
+    """
     coefficient, rest = expr.as_coeff_Mul(rational=True)
     return Fraction(int(coefficient.p), int(coefficient.q)), rest
