@@ -328,9 +328,10 @@ class Stepper:
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
         """Iterate the states at the nodes by fixed points (Picard), or by a simplified Newton method in (psi, psi').
         Return the derivatives at the nodes, (8, k); None if the iteration does not converge, or the other method
-        suits better. Store the derivatives of psi'' that Newton's method needs. For Newton's method the derivatives
-        of psi'' with respect to psi and psi' at each node are differences; all other components are iterated by fixed
-        points.
+        suits better. Store the derivatives of psi'' that Newton's method needs.
+
+        For Newton's method the derivatives of psi'' with respect to psi and psi' at each node are differences; all
+        other components are iterated by fixed points.
         """
         times, sizes, last_change = self.t + length * RELATIVE_NODE_TIMES, self._error_sizes(length), np.inf
         states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))

@@ -67,8 +67,8 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """Callable that returns an `EnergyBalance`, computed at the first call and then kept; to copy or pickle it
-    computes the balance as well.
+    """Callable that returns an `EnergyBalance`, computed at the first call and then kept; a copy or
+    a pickle computes the balance first.
     """
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:

@@ -26,7 +26,7 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 # Of the size of each component of the state, for differences of order 4.
 _RELATIVE_STATE_DIFFERENCE_STEP: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
-_MIN_RELATIVE_POLE_SIZE: Final = 1e-5
+_MIN_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
 _MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
 _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION = 0.3  # rad: largest change of an angle in one of them
 _EQUILIBRIUM_ANGLE_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
@@ -41,7 +41,8 @@ _STATE_COMPONENT_NAMES: Final = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
-    """Linearized motion of a pair: x' = A x + B (hinge_torque), x small changes of the state; `print` shows poles.
+    """Linearized motion of a pair, x' = A x + B hinge_torque for small changes x of the state: matrices, names of the
+    components of x, poles, natural frequencies and damping ratios. `print` shows the poles.
 
     Attributes:
         A: derivatives of the rates with respect to the state; shape (k, k).
@@ -165,7 +166,9 @@ def linearize(
     B = np.zeros(len(state))
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
-    poles = poles[(np.abs(poles) > _MIN_RELATIVE_POLE_SIZE * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
+    poles = poles[
+        (np.abs(poles) > _MIN_POLE_TO_LARGEST_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)
+    ]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None

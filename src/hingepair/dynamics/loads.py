@@ -23,7 +23,7 @@ KinkSide: TypeAlias = tuple[Array | float, Array | float]
 
 
 class MotionAtInstants(NamedTuple):
-    """Motion of the pair at n instants, which loads and events get as their argument `now`.
+    """Pose and velocities of the pair at n instants, which loads and events get as their argument `now`.
 
     Attributes:
         R1: reference point of body 1, world axes [m]; shape (n, 3).

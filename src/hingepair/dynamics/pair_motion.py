@@ -159,6 +159,7 @@ class PairMotion:
         constants = Constants(constants_by_name, {}, ())
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
+            """Return the cached compiled call of the plan of some outputs, with the constants of this pair."""
             plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
             return cached_call(
                 constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend
@@ -279,7 +280,7 @@ class PairMotion:
         return state
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
-        """Compute the motion and the loads at n instants, which may lie in different steps.
+        """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps.
 
         Args:
             t: instants; shape (n,).

@@ -177,8 +177,8 @@ def simulate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
-    """Simulate the motion of a pair under loads (D1-D6), from its start at t[0]; return it as a trajectory with the
-    loads.
+    """Simulate the motion of a pair under loads (D1-D6), from the start at t[0]. Return a `SimulatedMotion`, or a
+    `SimulatedPlanarMotion`. Raise a SimulationError if the motion cannot be followed to its end.
 
     The method is Gauss collocation of order 16 with steps by the tolerance, and attitudes on the rotation group. A
     free pair without loads keeps its momenta to the last bit. The limits of the pair do not stop the motion;

@@ -45,8 +45,8 @@ A feature that is narrower than one of these, and than half a step, may lie betw
 # Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
 _STEP_ERROR_PER_NODE_TIME_ROUNDING = 0.4
 # First and last node of a step on [0, 1].
-_FIRST_AND_LAST_GAUSS_NODE = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
-_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
+_FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
+_ROUNDING_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
 _STEP_END_SAMPLE_OFFSET = 1e-4
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
@@ -241,7 +241,7 @@ class AccumulatedErrors(NamedTuple):
         noise, undetected = (
             math.sqrt(float(((sizes * factors) ** 2).sum())) for sizes in (self.noise, self.undetected)
         )
-        return float(np.maximum(0.0 if largest <= 2 * _NOISE_LIMIT_IN_STD * noise else largest, undetected))
+        return float(np.maximum(0.0 if largest <= 2 * _ROUNDING_NOISE_LIMIT_IN_STD * noise else largest, undetected))
 
 
 def accumulate_errors(
@@ -275,7 +275,7 @@ def _is_rate_constant(rate: Signal, measured: StepSample) -> bool:
         return True
     sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANCY_CHECK_STEP_COUNT).astype(np.intp))
     start, stop = (times[sampled] for times in measured.ends)
-    rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_GAUSS_NODE)
+    rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_NODE_OF_MAGNUS6)
     return bool((rates == rates[0, 0]).all())
 
 
@@ -342,7 +342,7 @@ def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArra
 
 def errors_above_noise(errors: Array, noise: Array) -> Array:
     """Return the sizes of errors that rounding does not explain, and zero for the others."""
-    return np.where(errors <= _NOISE_LIMIT_IN_STD * noise, 0.0, errors)
+    return np.where(errors <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, errors)
 
 
 def _undetected_errors(
@@ -370,7 +370,7 @@ def _undetected_errors(
     measured = row_norms(
         rule.integral(node_values[0], coarse.h) - fine.sum_over_intervals(rule.integral(node_values[1], fine.h))
     )
-    return np.sqrt(np.where(squares > (_NOISE_LIMIT_IN_STD * measured) ** 2, squares, 0.0))
+    return np.sqrt(np.where(squares > (_ROUNDING_NOISE_LIMIT_IN_STD * measured) ** 2, squares, 0.0))
 
 
 @functools.cache
@@ -406,7 +406,7 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
         return StepRounding(size, UNIT_ROUNDOFF * size)
-    rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_GAUSS_NODE).reshape(len(h), 2, -1)
+    rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_NODE_OF_MAGNUS6).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     node_noise = (
         0.0

@@ -30,7 +30,7 @@ RK4_NODES: Final = STEP_RULES["rk4_quaternion"].nodes
 """Nodes of a classical Runge-Kutta step, as fractions of the step."""
 
 # abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
-_GIMBAL_LOCK_COSINE = 0.5
+_MAX_COSINE_NEAR_GIMBAL_LOCK = 0.5
 _MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
 _MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
 
@@ -136,7 +136,7 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_a
     squared_change, squared_cos = (rate_along_x * h) * (rate_along_x * h), cos_y * cos_y
     return where_less(
         squared_cos,
-        _GIMBAL_LOCK_COSINE**2,
+        _MAX_COSINE_NEAR_GIMBAL_LOCK**2,
         where_less(_MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
         rates,
     )

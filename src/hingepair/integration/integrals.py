@@ -61,8 +61,8 @@ class AngleIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Any) -> Array:
-        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,), of many
-        motions, whose starts are an array (...,), (..., steps + 1). For one motion raise an ArgumentError if an angle
+        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,). Starts
+        (...,) of many motions give the shape (..., steps + 1). For one motion raise an ArgumentError if an angle
         overflows.
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
@@ -123,9 +123,9 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the quaternions (w, x, y, z) at the ends of steps, without a jump of sign; shape (steps + 1, 4), of
-        many motions, whose starts are an array (..., 4), (..., steps + 1, 4). For one motion raise an ArgumentError
-        if a quaternion overflows.
+        """Return the quaternions (w, x, y, z) at the ends of steps, without a jump of sign; shape (steps + 1, 4).
+        Starts (..., 4) of many motions give the shape (..., steps + 1, 4). For one motion raise an ArgumentError if a
+        quaternion overflows.
         """
         begin = start * _CONJUGATE_SIGNS if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)

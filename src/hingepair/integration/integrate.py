@@ -370,7 +370,8 @@ def _check_motions(
 
 
 def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None = None) -> list[Solution]:
-    """Check and solve each motion (E12), and return the solutions in C order of the motions' indices.
+    """Check and solve each motion (E12), and return a list of the solutions in C order of the indices of the motions.
+    Raise an ArgumentError that names the first motion that cannot be solved.
 
     Args:
         request: the motions.
@@ -388,7 +389,7 @@ def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None
 
 
 def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> list[tuple[Array, Array] | None]:
-    """Return (orientations, hinge angles) of each motion, integrated in groups of motions; None for each motion that
+    """Return a list of (orientations, hinge angles) of each motion, integrated in groups; None for each motion that
     has steps of its own, or is alone in its group.
     """
     group_size = max(1, _MAX_STEPS_PER_MOTION_GROUP // len(options.t))
@@ -418,7 +419,8 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
 
 def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Array, Array] | None) -> Solution:
     """Return the `Solution` of one motion (E12), from its orientations and hinge angles if these are integrated
-    already; raise ArgumentError if its tolerance is not reached.
+    already; raise an
+    ArgumentError if the tolerance is not reached.
     """
     signals = motion.signals
     solution = solve(options, signals["omega1"], signals["psid"], motion.start, motion.psi_0, integrated)
@@ -559,7 +561,8 @@ def _estimate_errors(first_motion_index: tuple[int, ...] | None, **arguments: An
 
 
 def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Check all arguments, and return arrays of the shapes and dtypes that `_integrate_chunk` returns for them.
+    """Check all arguments of `integrate`, and return a dict of arrays with the names, shapes and dtypes of those that
+    `_integrate_chunk` returns.
 
     Only the first instant is integrated, which takes no step.
     """
@@ -595,7 +598,8 @@ def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:
-    """Return the plan that computes the outputs; None means all outputs of body 2 that the arguments allow.
+    """Return the plan that computes the outputs from the named arguments of `integrate`; None means all outputs of
+    body 2 that these arguments allow. Raise an ArgumentError for any other output.
 
     Raises:
         ArgumentError: an unknown output, or one that needs an argument that is missing; names it.

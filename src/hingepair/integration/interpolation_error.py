@@ -117,8 +117,8 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return two arrays: the mean and the larger of the two divided differences of each stencil and one more sample.
-    The additional sample is the neighbour on the left of the stencil, or that on the right.
+    """Return two arrays: the mean, and the larger one, of two divided differences for each stencil. They are the
+    differences of the stencil with the next sample on its left, and with the next sample on its right.
 
     Where there are no more samples, the differences of lower order are extrapolated.
     """
@@ -167,7 +167,7 @@ def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
 
 
 def _subtract_local_median(rows: Array) -> Array:
-    """Return a copy of rows less the median of the five nearest rows, where these five are not spread widely."""
+    """Return rows minus the median of the five nearest rows, or unchanged where these five are spread widely."""
     neighbours = list(
         np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
     )

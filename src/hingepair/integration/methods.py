@@ -42,7 +42,7 @@ def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def quaternion_unit(q: Quaternion) -> Quaternion:
-    """Return a quaternion of norm nearly 1 normalised, by one Newton step for the inverse square root."""
+    """Normalise a quaternion of norm nearly 1 by one Newton step for the inverse square root; return the result."""
     w, x, y, z = q
     f = 1.5 - 0.5 * ((w * w + x * x) + (y * y + z * z))
     return w * f, x * f, y * f, z * f
@@ -64,7 +64,7 @@ def magnus4(w1: Vector, w2: Vector, h: Scalar) -> Vector:
 
 
 def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
-    """Return the rotation vector Omega of a step of length h from omega at three Gauss nodes, order 6.
+    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at three Gauss nodes; order 6.
 
     a1, a2 and a3 are h times omega at the middle node and times its first and second difference:
     Omega = a1 + a3/12 + [-20 a1 - a3 + c1, a2 + c2] / 240, c1 = [a1, a2], c2 = -[a1, 2 a3 + c1] / 60.

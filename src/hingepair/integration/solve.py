@@ -32,7 +32,7 @@ MAX_SCIPY_EVALUATIONS: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
 _REFERENCE_STEP_RULE = STEP_RULES["magnus6"]  # that other methods are compared with
-_REFERENCE_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
+_REFERENCE_SOLUTION_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
 _MAX_STEPS_NEAR_GIMBAL_LOCK = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
 _DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
@@ -122,8 +122,9 @@ def solve(
     psi_0: float,
     integrated: tuple[Array, Array] | None = None,
 ) -> Solution:
-    """Return the solution of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0, or
-    from orientations and hinge angles that `integrate_together` returned for the motion (`integrated`).
+    """Return the `Solution` of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0,
+    or from the orientations and hinge angles `integrated` that `integrate_together` returned. Raise an error if a
+    result overflows or the method fails.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -174,8 +175,9 @@ def solve(
 def _integrate(
     integral: Integral, start: Any, selected: SelectedSteps, values: Array | None = None
 ) -> _IntegratedValues:
-    """Return the integral of a rate at the instants, over selected steps, with an estimate of its error; `values` is
-    the integral between steps if it is computed already, and is refused if it has overflowed.
+    """Return the integral of a rate over selected steps, at the instants, with a lazy estimate of its error. `values`
+    are the integral at the ends of steps if it was computed already. Raise an ArgumentError if the integral
+    overflows.
     """
     steps, measured_errors = selected.steps, selected.measured_errors.get(integral)
     if values is None:
@@ -263,7 +265,7 @@ def _with_reference_error(
 
     def error() -> float:
         """Return the largest angle from the reference solution plus that solution's error [rad]."""
-        reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_TOLERANCE))
+        reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_SOLUTION_TOLERANCE))
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
         angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return min(float(angles.max()) + reference.error(), math.pi)

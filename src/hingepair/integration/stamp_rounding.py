@@ -32,7 +32,8 @@ _ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
     0.8,
     1.642,
 )  # that quantile of a squared normal variable; kinks lie in fewer windows
-_MIN_ROUGHNESS_TO_NOISE_RATIO = 4.0  # times the roughness by the rounding of values: a larger one has another cause
+# Times the roughness by the rounding of values: a larger one has another cause.
+_MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO = 4.0
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
@@ -117,7 +118,7 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
     roughness_by_stamps, roughness_by_values = (
         ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
     )
-    measurable = roughness_by_stamps > _MIN_ROUGHNESS_TO_NOISE_RATIO**2 * roughness_by_values
+    measurable = roughness_by_stamps > _MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO**2 * roughness_by_values
     if not measurable.any():
         return None
     roughness, roughness_by_stamps, roughness_by_values = (
@@ -126,6 +127,8 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
         roughness_by_values[measurable],
     )
     ratios = np.where(
-        roughness > _MIN_ROUGHNESS_TO_NOISE_RATIO**2 * roughness_by_values, roughness / roughness_by_stamps, 0.0
+        roughness > _MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO**2 * roughness_by_values,
+        roughness / roughness_by_stamps,
+        0.0,
     )
     return min(1.0, math.sqrt(float(np.quantile(ratios, _ROUGHNESS_QUANTILE)) / _CHI_SQUARED_QUANTILE))

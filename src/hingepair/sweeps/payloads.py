@@ -112,8 +112,8 @@ class _VariedPayload(NamedTuple):
 
 
 class PayloadVariantComputer:
-    """Computer of the outputs of a robot's scene for many variants in one call, which differ in mass properties of
-    payloads only.
+    """Computer of the outputs of a robot's scene for many variants in one call. The variants differ in mass
+    properties of payloads only.
 
     Args:
         scene: scene as its file describes it.
@@ -279,6 +279,7 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
+    """Return the payload that a table describes, with its varied properties. Raise a SceneError if it is invalid."""
     values = table.read(READER_BY_BODY_KEY, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(

@@ -33,7 +33,7 @@ _SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "sam
 _SCENE_ONLY_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_DEFAULT_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
 _MAX_STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
-_CONNECTION_TIMEOUT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
+_SCHEDULER_CONNECTION_TIMEOUT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
 
 Progress = Callable[[int, int], None]
 """Takes the number of finished chunks and the number of all chunks."""
@@ -299,7 +299,7 @@ def _connect(scheduler_address: str) -> Any:
         needed = "the package distributed: pip install 'hingepair[dask]'"
         raise MissingDependencyError("scheduler", needed, str(error)) from None
     try:
-        return Client(scheduler_address, timeout=_CONNECTION_TIMEOUT_SECONDS)
+        return Client(scheduler_address, timeout=_SCHEDULER_CONNECTION_TIMEOUT_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
         raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
