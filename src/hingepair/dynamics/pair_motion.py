@@ -29,7 +29,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.dynamics import MIN_PIVOT_RATIO, check_resistance, mass_constants
+from hingepair.pair.dynamics import MIN_PIVOT_TO_DIAGONAL_RATIO, check_resistance, mass_constants
 from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
@@ -421,7 +421,7 @@ def _check_hinge_inertia(pair: HingePair) -> None:
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
     inertia = axis @ body2.inertia @ axis + body2.mass * (offset @ offset)
-    if inertia <= MIN_PIVOT_RATIO * np.trace(body2.inertia):
+    if inertia <= MIN_PIVOT_TO_DIAGONAL_RATIO * np.trace(body2.inertia):
         raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
 
 

@@ -33,7 +33,7 @@ from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion
+from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.plans.trees import input_shapes
 
@@ -290,7 +290,7 @@ class MechanismMethods(Shown):
             tails = {
                 **dict.fromkeys(coordinates, dof),
                 **dict.fromkeys(labelled_loads, (3,)),
-                "base_motion": MOTION_SAMPLE_SHAPES,
+                "base_motion": SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE,
             }
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
             loads = {name: value for name, (value, _) in labelled_loads.items()}
@@ -938,7 +938,10 @@ class MechanismMethods(Shown):
         labelled_loads: Mapping[str, tuple[Any, str]],
     ) -> Any:
         """Return the outputs for arguments with Dask arrays, as Dask arrays; nothing is computed yet."""
-        tails = {**dict.fromkeys(coordinates, (computation.form.dof,)), "base_motion": MOTION_SAMPLE_SHAPES}
+        tails = {
+            **dict.fromkeys(coordinates, (computation.form.dof,)),
+            "base_motion": SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE,
+        }
         tails |= dict.fromkeys(labelled_loads, (3,))
         load_labels = {name: label for name, (_, label) in labelled_loads.items()}
         arguments = {

@@ -28,8 +28,8 @@ from hingepair.plans.plan import MotionKind, Plan
 
 
 class PromisedBound(NamedTuple):
-    """Promised bound on the rounding error of one output, the largest error seen in searches, and the formula of the
-    scale that both are relative to.
+    """Bound on the rounding error of one output that the library promises, in units of u * scale. It also holds the
+    largest error that searches found, and the formula of the scale as text.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all
@@ -60,13 +60,13 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
 """By output; of states whose numbers are 0 or in the normal range, results and scales too. Below the smallest normal
 number, that number stands for u * scale."""
 
-PINOCCHIO_BOUND_ROUNDOFFS = 16
+MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS = 16
 """Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
 
 SCALE_FORMULA_BY_PLANAR_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
 """The scale of what planar pairs alone have: an angle rounds as it grows."""
 
-PINOCCHIO_SCALE_TERM_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
+PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
 )
 """Output -> what its scale gains against Pinocchio, whose terms are larger before they cancel: it crosses omega2 with
@@ -75,7 +75,8 @@ from classical ones by omega2 x v2."""
 
 
 def unit_roundoff(dtype: DTypeLike) -> float:
-    """Return half the distance from 1 to the next number: 2^-53 in float64, 2^-24 in float32.
+    """Return the unit roundoff u of a floating-point dtype, half the distance from 1 to the next number: 2^-53 for
+    float64, 2^-24 for float32.
 
     >>> unit_roundoff(np.float32) == 2.0**-24
     True
@@ -86,8 +87,9 @@ def unit_roundoff(dtype: DTypeLike) -> float:
 def euler_rate_sizes(
     phid: ArrayLike | None, phidd: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return (W1, A1) of a motion given by Euler angles: the sums of abs(phi') and of abs(phi''), to which W1^2 is
-    added. Rates have shape (..., 3); None gives None.
+    """Return (W1, A1), the sizes of body 1's angular velocity and acceleration, for a motion given by Euler angles:
+    W1 = sum abs(phi_i'), A1 = sum abs(phi_i'') + W1^2. phid and phidd are the derivatives of the angles, shape
+    (..., 3); W1 and A1 have shape (...,). Without phid both are None, without phidd A1 is None.
 
     >>> W1, A1 = euler_rate_sizes((1, -2, 0), (0, 0, 3))
     >>> float(W1), float(A1)
@@ -105,8 +107,8 @@ def euler_rate_sizes(
 def angular_rate_sizes(
     omega1: ArrayLike | None, alpha1: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return (W1, A1) of a motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each; None
-    gives None.
+    """Return (W1, A1), the sizes of body 1's angular velocity and acceleration, for a motion whose attitude is given:
+    the norms of omega1 and alpha1, shape (...,). The norm of None is None.
     """
     return (None if omega1 is None else norm(omega1)), (None if alpha1 is None else norm(alpha1))
 
@@ -124,8 +126,8 @@ def output_scales(
     psidd: ArrayLike | None = None,
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
-    """Return by output name the scale that rounding errors are relative to, sample by sample (the formulas of
-    `PROMISED_BOUND_BY_OUTPUT`). Outputs that the arguments do not suffice for are absent.
+    """Return a dict of the scales that rounding errors are relative to, at each sample, by output name (the formulas
+    of `PROMISED_BOUND_BY_OUTPUT`). Outputs whose scale needs an argument that is not given are absent.
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -137,11 +139,10 @@ def output_scales(
         A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
         psid: hinge rate [rad/s]; shape (...,).
         psidd: hinge acceleration [rad/s^2]; shape (...,).
-        pinocchio: add `PINOCCHIO_SCALE_TERM_BY_OUTPUT` (a2 then needs v1).
+        pinocchio: add `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` (a2 then needs v1).
 
     Returns:
-        Output name -> scale, of a shape that broadcasts against the samples; an output whose arguments are
-        missing is absent.
+        The scales by output name, of shapes that broadcast against the samples.
 
     >>> found = output_scales(u1=(3, 4, 0), u2=(0, 0, 1), R1=(-10, 1, 2))
     >>> {name: float(value) for name, value in found.items()}
@@ -164,8 +165,9 @@ def output_scales(
 def _scale_formulas(
     U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
 ) -> Any:
-    """Return by output name the scale, computed from the sizes of vectors and rates; None where a size is None. W and
-    A are those of the hinge rate and its derivative.
+    """Return a dict of the scales by output name, computed from the sizes of the vectors; a scale that needs a size
+    which is None is None. W and A are the sizes of the hinge rate and acceleration. `pinocchio` adds
+    `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT`.
     """
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
@@ -192,8 +194,8 @@ def _scale_formulas(
 def error_ratios(
     output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
-    """Return (error, ratio) of an output at each sample: the largest error of its components, and this error in units
-    of u * scale.
+    """Return (error, ratio) of an output at each sample: the largest absolute error of its components, and this error
+    divided by u * scale. Both are NaN where the expected value or the scale is not finite.
 
     Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
     ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
@@ -233,7 +235,7 @@ def norm(vector: ArrayLike) -> Float64Array:
 
 
 def largest(vector: ArrayLike) -> Float64Array:
-    """Return the largest absolute component over the last axis; shape (...,)."""
+    """Return the largest absolute value of the components on the last axis; shape (...,)."""
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 
@@ -243,17 +245,24 @@ def _largest_size(value: ArrayLike) -> Float64Array:
 
 Bounds = dict[str, NDArray[np.float64]]
 
-_CONSTANTS_REL_ERROR = 2.0**-90
+_MAX_DERIVED_CONSTANT_REL_ERROR = 2.0**-90
 """Largest error of the axis and the levers before their last rounding, relative to the size of their inputs."""
 
 # The levers that each constant of a pair was computed of, which carry its errors.
-_INPUTS_BY_DERIVED_CONSTANT = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_cos": ("u2",), "lever_sin": ("u2",)}
+_SOURCE_NAMES_BY_DERIVED_CONSTANT = {
+    "n": ("n",),
+    "lever_fixed": ("u1", "u2"),
+    "lever_cos": ("u2",),
+    "lever_sin": ("u2",),
+}
 
 
 def error_bounds(
     kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
-    """Return by output name bounds on the rounding errors of forward_kinematics from coordinates, shape (...,)."""
+    """Compute bounds on the rounding errors of the outputs of forward_kinematics for coordinates q, qd and qdd.
+    Return a dict of arrays of shape (...,) by output name; raise ArgumentError for unusable arguments.
+    """
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
     return _plan_error_bounds(pair, plan, coordinates.parts, coordinates.shapes)
 
@@ -261,7 +270,9 @@ def error_bounds(
 def error_bounds_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
 ) -> Bounds:
-    """Return by output name bounds on the rounding errors of forward_kinematics_from_body1, shape (...,)."""
+    """Compute bounds on the rounding errors of the outputs of forward_kinematics_from_body1. Return a dict of arrays
+    of shape (...,) by output name; raise ArgumentError for unusable arguments.
+    """
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
     arrays = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
     return _plan_error_bounds(pair, plan, arrays, shapes)
@@ -270,14 +281,20 @@ def error_bounds_from_body1(
 def _plan_error_bounds(
     pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
 ) -> Bounds:
-    """Return by output name bounds on the rounding errors of a plan for given inputs, shape (...,)."""
+    """Return bounds on the rounding errors of the outputs of a plan, as a dict of arrays of shape (...,) by output
+    name. `values` are the inputs of the plan by name, `shapes` the shapes of their samples.
+    """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
-    source_names = {name: parts for name, parts in _INPUTS_BY_DERIVED_CONSTANT.items() if name != "n" or not aligned}
+    source_names = {
+        name: parts for name, parts in _SOURCE_NAMES_BY_DERIVED_CONSTANT.items() if name != "n" or not aligned
+    }
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on numbers with error bounds; return by output name the largest bound of its components."""
+        """Run the plan on numbers that carry error bounds, and return the largest bound of each output's components
+        by output name.
+        """
         bounded = {
             name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
         }
@@ -295,7 +312,9 @@ def _plan_error_bounds(
 
 
 def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
-    """Return a quantity in the form that equations take: a number or array, or a tuple of its components."""
+    """Return a quantity in the form that the equations take: scalars as they are, arrays of vectors or matrices as a
+    tuple of their components.
+    """
     if not isinstance(quantity, np.ndarray) or sample_shape == ():
         return quantity
     if quantity.ndim == len(sample_shape) and quantity.dtype.char == "d":
@@ -304,8 +323,9 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
 
 
 def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]) -> Any:
-    """Return the components of one plan input as numbers with error bounds: half a unit in the last place, or more
-    where the input was computed from the numbers that `source_names` name.
+    """Return one input of a plan as a number that carries an error bound, or as a tuple of such numbers. The bound
+    covers the rounding to the precision of `number_type`, and it is larger if the input was computed from the
+    `numbers` that `source_names` names.
     """
     if not isinstance(quantity, tuple):
         return number_type.rounded(quantity)
@@ -313,13 +333,17 @@ def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named
         return tuple(number_type.rounded(c) for c in quantity)
     size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
     return tuple(
-        number_type.rounded(c, np.spacing(np.abs(c)) / 2 + _CONSTANTS_REL_ERROR * size + BoundedDouble.smallest)
+        number_type.rounded(
+            c, np.spacing(np.abs(c)) / 2 + _MAX_DERIVED_CONSTANT_REL_ERROR * size + BoundedDouble.smallest
+        )
         for c in quantity
     )
 
 
 def _largest(quantity: Any) -> Any:
-    """Return the largest bound of several components; a plain number is exact."""
+    """Return the largest error bound of a number or of a tuple of numbers. A plain number counts as exact: its bound
+    is 0.
+    """
     errors = [
         c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))
     ]

@@ -19,15 +19,17 @@ from hingepair.rotations.matrices import check_rotation
 _DEFAULT_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _DEFAULT_GYRATION_RADIUS_SQUARED = 0.01  # m^2, of a body whose inertia is not given
 
-_MOMENT_ROUNDING_TOLERANCE = (
+_MAX_SILENT_EXCESS_TO_LARGEST_MOMENT = (
     64 * 2.0**-53
 )  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
-_MAX_MOMENT_EXCESS_SHARE: Final = 1e-3
+_MAX_EXCESS_TO_SUM_OF_MOMENTS: Final = 1e-3
 """Share of the sum of the principal moments by which the largest may exceed the other two together.
 
 Moments of a flat body that are written with three digits are off by so much; what passes is warned of.
 """
-_MAX_INERTIA_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
+_MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT = (
+    1e-9  # of the largest element, as for rotations: what passes is made symmetric
+)
 
 
 class DynamicsWarning(UserWarning):
@@ -36,12 +38,12 @@ class DynamicsWarning(UserWarning):
     """
 
 
-def warn_of_dynamics(sentence: str) -> None:
-    """Issue a DynamicsWarning that shows the line of code from which this package was called."""
+def warn_of_dynamics(message: str) -> None:
+    """Issue a DynamicsWarning with a message. The warning shows the line of code that called the package."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
         frame, level = frame.f_back, level + 1
-    warnings.warn(sentence, DynamicsWarning, level)
+    warnings.warn(message, DynamicsWarning, level)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -247,8 +249,8 @@ class Body(Frozen):
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centre of mass of shapes of one density, and the inertia about it per kilogram. Without shapes: the
-    reference point, and the default inertia.
+    """Return the centre of mass [m] of shapes that have the same density, and their inertia about it per kilogram
+    [m^2], a matrix. Without shapes, return the reference point and the default inertia.
     """
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
@@ -261,7 +263,9 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Return the volume of a shape, and the mean of x x^T over it, x from its centre in body axes; shape (3, 3)."""
+    """Return the volume of a shape [m^3], and the (3, 3) mean of x x^T over the shape [m^2], where x is the vector
+    from its centre in body axes.
+    """
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
     square = shape.radius**2
@@ -272,15 +276,17 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
 
 
 def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
-    """Return the inertia as a matrix; three principal moments give a diagonal one. Refuse other shapes."""
+    """Return an inertia as a matrix of shape (3, 3); three principal moments become a diagonal matrix. Raise an error
+    for other shapes and for numbers that are not finite.
+    """
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
     return one_constant("inertia", inertia, 3, 3)
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia, made exactly symmetric. Raise ArgumentError if no rigid body has it; warn if only rounding
-    of its moments explains it.
+    """Return the inertia, made exactly symmetric, as a read-only array. Raise ArgumentError if no rigid body can have
+    it. Issue a DynamicsWarning if one principal moment exceeds the sum of the others by little, as rounding explains.
 
     Raises:
         ArgumentError: no rigid body can have it.
@@ -289,16 +295,16 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
     scaled = inertia / size
-    if np.abs(scaled - scaled.T).max() > _MAX_INERTIA_ASYMMETRY:
+    if np.abs(scaled - scaled.T).max() > _MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT:
         raise ArgumentError("inertia", "a symmetric matrix", inertia)
     small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
     moments = [moment * size for moment in (small, middle, large)]
     if small <= 0:
         raise ArgumentError("inertia", "principal moments above 0", moments)
     excess, total = large - small - middle, small + middle + large
-    if excess > _MAX_MOMENT_EXCESS_SHARE * total:
+    if excess > _MAX_EXCESS_TO_SUM_OF_MOMENTS * total:
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
-    if excess > _MOMENT_ROUNDING_TOLERANCE * large:
+    if excess > _MAX_SILENT_EXCESS_TO_LARGEST_MOMENT * large:
         shown = ", ".join(f"{moment:.6g}" for moment in moments)
         above = (
             f"the largest of the principal moments {shown} is {100 * excess / (small + middle):.2g} % above the sum"

@@ -15,7 +15,7 @@ from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
-MOTION_SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
+SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE: Final[Mapping[str, tuple[int, ...]]] = {
     **dict.fromkeys(("R", "S", "v", "omega", "a", "alpha"), (3,)),
     "S": (3, 3),
 }
@@ -94,6 +94,7 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as quaternions, scalar last (Pinocchio, SciPy, ROS).
+        Quaternions of any length are normalized; raise RotationError for a zero one.
 
         Each element of S has an error of at most 6 u, where u = 2^-53.
 
@@ -129,7 +130,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions, scalar first (MuJoCo).
+        """Return a BodyMotion whose attitude is given as quaternions, scalar first (MuJoCo). Quaternions of any
+        length are normalized; raise RotationError for a zero one.
 
         Each element of S has an error of at most 6 u, where u = 2^-53.
 
@@ -187,9 +189,10 @@ class BodyMotion(Frozen):
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion of the arguments without a check that S holds rotations, which the caller guarantees.
+    """Return a BodyMotion with the arrays R, S, v, omega, a and alpha, without a check that S holds rotation
+    matrices. Raise ShapeError or DtypeError for an unusable array.
 
-    The arguments are those of `BodyMotion`.
+    The keyword arguments are those of `BodyMotion`.
 
     Raises:
         ShapeError, DtypeError: an array cannot be used.
@@ -200,11 +203,11 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
 
 
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
-    """Set the attributes of a BodyMotion to read-only views of arrays, and its `shape`; refuse arrays of another
-    shape.
+    """Set the attributes R, S, v, omega, a and alpha of a BodyMotion to read-only views of arrays, and its `shape` to
+    their common leading shape. Raise ShapeError or DtypeError for an unusable array.
     """
     shapes = {}
-    for name, tail in MOTION_SAMPLE_SHAPES.items():
+    for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
         value = arrays.get(name)
         array = None if value is None and name != "R" else _read_motion_array(name, value, *tail)
         object.__setattr__(body, name, array)
@@ -213,25 +216,27 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
     object.__setattr__(body, "shape", broadcast_shape(shapes))
 
 
-def _read_motion_array(name: str, value: Any, *tail: int) -> Any:
-    """Return a read-only view of an array, or an array of another library as it is; refuse another sample shape."""
+def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
+    """Return a read-only view of a NumPy array, or an array of another library as it is. Raise ShapeError if its last
+    axes are not `sample_shape`.
+    """
     if not is_foreign(value) and not holds_dask(value):
         try:
-            return read_only(vectors(name, value, *tail))
+            return read_only(vectors(name, value, *sample_shape))
         except ShapeError as error:
-            if tail == (3,) and np.shape(value)[-1:] == (2,):
+            if sample_shape == (3,) and np.shape(value)[-1:] == (2,):
                 raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
             raise
-    check_sample_shape(name, value, *tail)
+    check_sample_shape(name, value, *sample_shape)
     return value
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return arrays of a BodyMotion by letter and number of the body: R of the argument "body1" is R1. Arrays of
-    other libraries become NumPy's; a missing one raises ArgumentError.
+    """Return a dict of the arrays of a BodyMotion that `letters` name, as NumPy arrays: R of the argument "body1" has
+    the key R1. Raise ArgumentError if the body is not a BodyMotion, an array is missing, or one is a Dask array.
 
     Raises:
-        ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
+        ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array; the error names it.
     """
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))

@@ -21,15 +21,16 @@ _IDENTITY_ROTATION = read_only(np.eye(3))  # the home attitude C unless given
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Constants of a pair as its calls take them: u1, u2, n, home where it is not the identity, and the levers
-    computed from these; by component and as arrays.
+    """Constants of a pair in the form that its calls take: u1, u2, n, home unless it is the identity, and the levers
+    computed from them. Each is stored by component and as an array. The object also caches what was prepared for the
+    pair.
 
     Attributes:
-        values: components by name; floats where the pair is one.
-        arrays: the same as arrays, with the components last; home too where it is the identity.
-        shape: leading shape of the pair; () for one pair.
-        axis: the hinge axis as it was given, of any length; none of a planar pair.
-        prepared: what was made of this pair once: plans made ready, and constants with more beside them.
+        values: tuples of components by name; the components are floats for a single pair.
+        arrays: arrays by name, with the components on the last axis. They include home even if it is the identity.
+        shape: leading shape of the pair; () for a single pair.
+        axis: hinge axis as it was given, of any length; None for a planar pair.
+        prepared: cache that callers fill, such as compiled calls and extended constants.
     """
 
     values: Named
@@ -40,12 +41,13 @@ class Constants:
 
     @property
     def single(self) -> bool:
-        """Whether it is one pair."""
+        """Whether these are the constants of a single pair, without leading axes."""
         return self.shape == ()
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """Return the Constants of a pair, computed from its geometry; raise an error that names a wrong argument.
+    """Return the Constants of a pair with the given geometry. Raise ArgumentError for an unusable argument, AxisError
+    for a zero axis, RotationError if home is not a rotation.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -71,8 +73,8 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return by name the axis n at unit length, and lever_fixed, lever_cos and lever_sin of
-    `plans.steps.LEVER_STEPS`, body-1 axes [m].
+    """Return tuples of components by name: the axis n at unit length, and the vectors lever_fixed, lever_cos and
+    lever_sin in body-1 axes [m], for which d = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin).
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -112,8 +114,8 @@ HINGE_FRAME_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 
 
 def with_hinge_frames(pair: Constants) -> Constants:
-    """Return the constants of a pair, extended by the unit vectors (e1, e2, n) of its hinge in the axes of body 1 and
-    of body 2. The result is kept in `pair.prepared`.
+    """Return the constants of a pair, extended by orthogonal unit vectors e1, e2 and n of its hinge in the axes of
+    body 1 and of body 2. The result is cached in `pair.prepared`.
 
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
@@ -127,7 +129,9 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
-    """Return by name two unit vectors perpendicular to n, and n, in the axes of body 1 and of body 2."""
+    """Return the unit vectors e1, e2 and n by name in the axes of body 1, and in those of body 2 as e1_in_2, e2_in_2
+    and n_in_2. e1 and e2 are perpendicular to n; each vector is a tuple of components.
+    """
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
@@ -151,11 +155,11 @@ def check_pair(pair: object) -> None:
 
 
 def check_single_pair(pair: Any, where: str = "") -> None:
-    """Raise ShapeError if the geometry of a pair differs from sample to sample.
+    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair: its geometry has leading axes.
 
     Args:
         pair: a HingePair or a PlanarPair.
-        where: continues "one pair" in the message, such as " beside Dask arrays".
+        where: text that follows "one pair" in the message, such as " beside Dask arrays".
 
     Raises:
         ShapeError: u1, u2, n or home have leading axes.

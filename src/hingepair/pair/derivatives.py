@@ -19,12 +19,14 @@ from hingepair.rotations.sequences import find_sequence
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
+    """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), an array of shape (..., 6, 7) (E8, E2)."""
     return _outputs_from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-    """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
+    """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that is
+    caused by velocities, shape (..., 6) (E9).
+    """
     name = "acceleration_bias"
     return _outputs_from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
 
@@ -32,8 +34,8 @@ def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: 
 def _outputs_from_body1(
     pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
-    """Return outputs as arrays by name, computed from the arrays of body 1 that `letters` name, from psi and from its
-    rate.
+    """Return outputs as a dict of arrays by name, computed from the arrays of body 1 that `letters` name (S, omega)
+    and from psi and psid in `hinge`. Raise ArgumentError if one of these arrays is missing.
     """
     values = {
         **motion_arrays("body1", body1, *letters),
@@ -44,13 +46,15 @@ def _outputs_from_body1(
 
 
 def coordinate_jacobian(pair: Constants, q: CoordinateInput, sequence: str) -> FloatArray:
-    """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4)."""
+    """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven coordinates;
+    shape (..., 6, 7) (E8, E2, E4).
+    """
     return _output_from_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 
 def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: CoordinateInput, sequence: str) -> FloatArray:
-    """Compute Jq', the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9); an array of
-    shape (..., 6, 7).
+    """Compute the time derivative of the result of coordinate_jacobian: Jq' in (a2, alpha2) = Jq @ qdd + Jq' @ qd
+    (E9), an array of shape (..., 6, 7). Raise ArgumentError if qd is None.
     """
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
@@ -64,19 +68,25 @@ def _output_from_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequen
 
 
 def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
+    """Compute the Jacobian G of the hinge constraints, shape (..., 5, 12), for solvers of differential-algebraic
+    equations (E1, E2).
+    """
     return _outputs_from_both_bodies(pair, "constraint_jacobian", body1, body2, "S")
 
 
 def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """Compute the velocity part of the constraints' second derivative (E1, E2)."""
+    """Compute the part of the constraints' second time derivatives that is caused by velocities, shape (..., 5) (E1,
+    E2).
+    """
     return _outputs_from_both_bodies(pair, "constraint_bias", body1, body2, "S", "omega")
 
 
 def _outputs_from_both_bodies(
     pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str
 ) -> FloatArray:
-    """Return one output as an array, computed from the arrays of both bodies that `letters` name (S, omega)."""
+    """Return one output as an array, computed from the arrays of both bodies that `letters` name (S, omega). Raise
+    ArgumentError if one of these arrays is missing.
+    """
     values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}
     shapes = {"body1": body1.shape, "body2": body2.shape}
     return compute_arrays(with_hinge_frames(pair), (name,), values, shapes)[name]
@@ -93,7 +103,7 @@ class Sensitivities(Frozen):
     respect to u1, u2 and psi. n is scaled to unit length, so the derivative with respect to a change along n is zero.
 
     Attributes:
-        d_by_u1: (..., 3, 3).
+        d_by_u1: derivative of d with respect to u1; shape (..., 3, 3). The other names are formed alike.
         d_by_u2: (..., 3, 3).
         d_by_n: (..., 3, 3) m.
         d_by_psi: (..., 3) m/rad.
@@ -120,11 +130,9 @@ class Sensitivities(Frozen):
 
 
 def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """Compute the derivatives of R2 and of body 2's attitude by u1, u2, n and home (E5, E7); an array of shape (...,
-    6, 12).
-
-    The attitude is the rotation vector, world axes, that turns body 2; home changes by a rotation vector in body 1's
-    axes, from the left.
+    """Compute the derivatives of R2 and of body 2's attitude with respect to u1, u2, n and home, an array of shape
+    (..., 6, 12) (E5, E7). Changes of the attitude are rotation vectors in world axes, changes of home are rotation
+    vectors in body 1's axes.
     """
     arrays = _outputs_from_body1(pair, ("S2", "d_by_u1", "d_by_u2", "d_by_n", "S2_by_n"), body1, "S", psi=psi)
     S2 = arrays["S2"]
@@ -149,8 +157,8 @@ RATE_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
-    """Compute the Sensitivities: derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are
-    those of d.
+    """Compute the Sensitivities: the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2,
+    E5-E8). Without psid, those of v2 and omega2 are None.
     """
     if psid is None:
         outputs = _outputs_from_body1(pair, POSE_SENSITIVITY_NAMES, body1, "S", psi=psi)

@@ -31,17 +31,23 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_NO_VECTOR_LOAD: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
+_ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
 _DEFAULT_GRAVITY_ARRAY, _NO_FORCE = np.array(GRAVITY), np.zeros(3)
 # The loads that are vectors: forces and torques on the bodies.
 _VECTOR_LOAD_NAMES = tuple(name for name in FORWARD_DYNAMICS_LOAD_NAMES if name != "hinge_torque")
-_MASSLESS_BODY1_CONSTANTS = {"m1": 0.0, "c1": _NO_VECTOR_LOAD, "I1": (0.0,) * 9}  # constants of a body 1 without mass
-MIN_PIVOT_RATIO = 64 * 2.0**-53
+_MASSLESS_BODY1_CONSTANTS = {
+    "m1": 0.0,
+    "c1": _ZERO_VECTOR_COMPONENTS,
+    "I1": (0.0,) * 9,
+}  # constants of a body 1 without mass
+MIN_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
 
 
 def _one_line_repr(self: Any) -> str:
-    """Return a tuple of arrays as one line of text: numbers by name, and of more than nine numbers the shape."""
+    """Return the fields of a named tuple of arrays as text in one line: each by name with its numbers, or with its
+    shape if it has more than nine.
+    """
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
     parts = (
         f"{n}={v!r}" if math.prod(shapes[n]) <= 9 else f"{n}: shape {shapes[n]}" for n, v in self._asdict().items()
@@ -139,10 +145,10 @@ class Momentum(NamedTuple):
 
 
 def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
-    """Return masses, centres and inertias of the bodies by name (m1, c1, I1, ...). Warn of assumed values. Raise
-    ArgumentError for a body without mass, with `hint_without_body1` behind the message.
+    """Return a dict of the masses, centres of mass and inertias of the bodies, with the keys m1, c1, I1, m2, c2 and
+    I2. Issue a DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None.
 
-    `hint_without_body1` says what to ask instead where body 1 has no mass.
+    `hint_without_body1` is added to the message if body 1 is None; it says what to call instead.
 
     Raises:
         ArgumentError: a body has no mass properties; names it.
@@ -168,7 +174,8 @@ def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
 def with_loads_and_masses(
     constants: Constants, bodies: Bodies, gravity: ArrayLike, needed_names: Iterable[str]
 ) -> Constants:
-    """Return the pair's constants, extended by gravity, loads of zero, and the mass properties among `needed_names`.
+    """Return the constants of a pair, extended by gravity, loads of zero, and the mass properties that are among
+    `needed_names` (m1, c1, I1, ...). Raise ArgumentError if a body that is needed has no mass properties.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
@@ -176,7 +183,9 @@ def with_loads_and_masses(
     needed_bodies = {
         name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed_names}
     }
-    zero_loads = {name: 0.0 if name == "hinge_torque" else _NO_VECTOR_LOAD for name in FORWARD_DYNAMICS_LOAD_NAMES}
+    zero_loads = {
+        name: 0.0 if name == "hinge_torque" else _ZERO_VECTOR_COMPONENTS for name in FORWARD_DYNAMICS_LOAD_NAMES
+    }
     fall = one_constant("gravity", gravity, 3).tolist()
     return _with(constants, {"gravity": tuple(fall), **zero_loads, **mass_constants(needed_bodies)})
 
@@ -187,8 +196,8 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicsQuantity:
-    """Request for a quantity of dynamics: the names of its outputs, and the arrays of body 1 and the masses that it
-    needs.
+    """Description of a quantity of dynamics: the names of its outputs, the arrays of body 1's motion and the bodies'
+    masses that it needs, and a hint for the error message if body 1 has no mass.
     """
 
     outputs: tuple[str, ...]
@@ -224,8 +233,10 @@ def compute_quantity(
     gravity: ArrayLike = GRAVITY,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """Compute the outputs of a DynamicsQuantity at all samples; return its arrays in the order of `quantity.outputs`.
-    `given` are psi, psid, psidd and loads. The compiled call is kept in `constants.prepared`.
+    """Compute the outputs of a DynamicsQuantity at all samples, and return them as arrays in the order of
+    `quantity.outputs`. `given` holds psi, psid, psidd and loads by name. The compiled call is cached in
+    `constants.prepared`. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for
+    assumed masses.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -247,7 +258,7 @@ def compute_quantity(
         values[name] = (
             read_component(name, value)
             if name not in _VECTOR_LOAD_NAMES
-            else _NO_VECTOR_LOAD
+            else _ZERO_VECTOR_COMPONENTS
             if value is _NO_FORCE
             else value
         )
@@ -260,8 +271,9 @@ def compute_quantity(
 
 
 def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the constants of a pair, extended by its masses; raise ArgumentError where the quantity needs a mass
-    that is missing. The result is kept in `constants.prepared`.
+    """Return the constants of a pair, extended by the mass properties of its bodies; a body 1 that is not needed may
+    have none. The result is cached in `constants.prepared`. Raise ArgumentError if a needed body has no mass
+    properties; issue a DynamicsWarning for assumed ones.
 
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
@@ -276,33 +288,35 @@ def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies
 
 
 def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
-    """Return the Accelerations (D6) made of computed outputs; raise ArgumentError if masses leave a motion without
-    resistance.
+    """Return the Accelerations made of the outputs of `ACCELERATIONS_QUANTITY` (D6). Raise ArgumentError if the pivot
+    ratios among the outputs show that the mass matrix is singular.
 
     Raises:
         ArgumentError: the masses leave a motion without resistance.
     """
     *accelerations, pivot_ratios = outputs
-    if (pivot_ratios <= MIN_PIVOT_RATIO).any():
+    if (pivot_ratios <= MIN_PIVOT_TO_DIAGONAL_RATIO).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
     return Accelerations(*accelerations)
 
 
 def check_resistance(constants: Constants, bodies: Bodies) -> None:
-    """Raise ArgumentError if the masses leave a motion without resistance where psi is 0.
+    """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that no acceleration follows.
 
     Raises:
         ArgumentError: as for `make_accelerations`.
     """
-    still = BodyMotion(R=_NO_VECTOR_LOAD, S=np.eye(3), omega=_NO_VECTOR_LOAD)
+    still = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
     loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
     outputs = compute_quantity(
-        ACCELERATIONS_QUANTITY, constants, bodies, still, gravity=_NO_VECTOR_LOAD, psi=0.0, psid=0.0, **loads
+        ACCELERATIONS_QUANTITY, constants, bodies, still, gravity=_ZERO_VECTOR_COMPONENTS, psi=0.0, psid=0.0, **loads
     )
     make_accelerations(bodies, outputs)
 
 
 def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return a force or a torque as an array; the number 0 stands for none."""
+    """Return a force or a torque as an array of shape (..., 3); the number 0 becomes zeros. Raise ShapeError for
+    another shape.
+    """
     return _NO_FORCE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

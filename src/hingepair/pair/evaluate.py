@@ -33,15 +33,15 @@ STATE_CLASS_BY_KIND: Mapping[Any, type[PairState | PlanarState]] = {
 QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
 # By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
-_ROTATION_CHECK_LIMIT_BY_ITEMSIZE: Final = {
+_MAX_ROTATION_ERROR_BY_ITEMSIZE: Final = {
     size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
-_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
+_ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 
 def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
-    """Return the Call that runs a plan for a pair with inputs of these names. It is made once and kept in
-    `pair.prepared`.
+    """Return the Call that runs a plan for a pair with inputs of the given names. It is made at the first request and
+    cached in `pair.prepared`.
     """
     key = plan, input_names, backend
     call: Call | None = pair.prepared.get(key)
@@ -49,11 +49,11 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
         limits = (
-            _QUATERNION_CHECK_LIMIT_BY_ITEMSIZE
+            _ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE
             if any(name in QUATERNION_INPUT_NAMES for name in input_names)
-            else _ROTATION_CHECK_LIMIT_BY_ITEMSIZE
+            else _MAX_ROTATION_ERROR_BY_ITEMSIZE
         )
-        checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_CHECK_LIMIT_BY_ITEMSIZE}
+        checks = {"attitude1_check": limits, "attitude2_check": _MAX_ROTATION_ERROR_BY_ITEMSIZE}
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
             {name: constants[name] for name in _needed_arguments(loop, input_names)},
@@ -68,7 +68,7 @@ def _needed_arguments(loop: Any, input_names: tuple[str, ...]) -> list[str]:
 
 
 def _refuse_attitude(values: Mapping[str, Any]) -> None:
-    """Raise RotationError if S1 or S2 among the values is no rotation, or a quaternion is zero."""
+    """Raise RotationError if S1 or S2 among the inputs by name is not a rotation, or a quaternion is zero."""
     for name, value in values.items():
         if name in QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
@@ -85,7 +85,10 @@ def compute_state(
     execution: Execution = DEFAULT_EXECUTION,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
-    """Return the PairState or PlanarState at all samples; computed in the dtype of the values unless one is given."""
+    """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `values` are the
+    inputs by name, `shapes` the shapes of their samples. Arrays in `out` are written into. The dtype is that of the
+    values unless one is given.
+    """
     return cached_call(pair, plan, tuple(values), execution.backend).run(
         values, shapes, out, execution.workers, dtype
     )
@@ -99,13 +102,16 @@ def compute_arrays(
     dtype: np.dtype[Any] | None = None,
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """Return the outputs as new arrays by name, computed from input values by name."""
+    """Compute outputs of a pair from inputs by name; return them as a dict of new, writable arrays by output name.
+    `shapes` are the shapes of the inputs' samples.
+    """
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
-    """Return the OperationCounts of a plan for a pair: how many are left where some coordinates are known numbers.
+    """Return the OperationCounts of a plan for a pair: the numbers of arithmetic operations in full, and of those
+    that are left if inputs that are numbers count as known constants.
 
     Args:
         plan: what is computed.

@@ -33,8 +33,8 @@ CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
 """q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
 Outputs: TypeAlias = Iterable[str] | None
 
-_COORDINATE_COUNT_WORDS = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
-_FLOAT64_DTYPE_CHARACTERS = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
+_NUMBER_WORD_BY_COORDINATE_COUNT = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
+_DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64 = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
 _SEQUENCE_TYPES, _NUMBER_TYPES = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
 # The attributes of BodyMotion by the names of inputs.
 _ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
@@ -46,9 +46,9 @@ class PairCoordinates(NamedTuple):
     """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd.
 
     Attributes:
-        parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
-        shapes: of the samples of each.
-        library: that they are arrays of; None of NumPy's, and of numbers.
+        parts: q, qd and qdd by name, as far as given: tuples of components, or arrays with the components last.
+        shapes: shapes of the samples, by the same names.
+        library: array library of the components; None for NumPy arrays and numbers.
     """
 
     parts: Mapping[str, Components | NDArray[Any]]
@@ -57,8 +57,8 @@ class PairCoordinates(NamedTuple):
 
 
 def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
-    """Return the arguments q, qd, qdd as PairCoordinates; refuse unusable ones. Arrays of other libraries stay as
-    they are if `keep_foreign`, and become NumPy's otherwise.
+    """Return the arguments q, qd and qdd as PairCoordinates. Raise ArgumentError, ShapeError or DtypeError for
+    unusable ones. Arrays of other libraries stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
     """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -90,11 +90,11 @@ def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...
 
 
 def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) -> Components | NDArray[Any]:
-    """Return the argument `name` as a tuple of components, or as one array with the coordinates last; refuse other
-    values.
+    """Return q, qd or qdd (`name` says which) as a tuple of components, or as one array with the coordinates on the
+    last axis. Raise ShapeError or DtypeError for other values.
     """
     count = len(coordinate_names)
-    several = f"{_COORDINATE_COUNT_WORDS[count]} coordinates"
+    several = f"{_NUMBER_WORD_BY_COORDINATE_COUNT[count]} coordinates"
     if isinstance(value, tuple) and len(value) == count:
         if all(isinstance(part, list | tuple) and len(part) == count for part in value):
             expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
@@ -120,8 +120,8 @@ def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) 
 
 
 def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a table that hold q, qd or qdd (`name` says which), in order, by the names that the table
-    has.
+    """Return the columns of a data frame that hold q, qd or qdd (`name` says which), as a dict by column name, in the
+    order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
     """
     column_names_by_level, endings = (
         COLUMN_NAMES_BY_COORDINATE_NAMES[coordinate_names],
@@ -136,21 +136,25 @@ def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]
 
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
-    """Return the names of a table's columns that are q, qd or qdd of a pair in space, in order."""
+    """Return the names of a data frame's columns that hold q, qd or qdd of a HingePair (`name` says which), as a
+    tuple in the order of the coordinates.
+    """
     return tuple(_coordinate_columns(name, table, SPATIAL_MOTION.coordinates))
 
 
 def planar_columns(name: str, table: Any) -> tuple[str, ...]:
-    """Return the names of a table's columns that are q, qd or qdd of a pair in the plane, in order."""
+    """Return the names of a data frame's columns that hold q, qd or qdd of a PlanarPair (`name` says which), as a
+    tuple in the order of the coordinates.
+    """
     return tuple(_coordinate_columns(name, table, PLANAR_MOTION.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """Return `count` numbers, given as an array, list or tuple, as a float64 array; None if float64 is not their type
-    or the value is anything else.
+    """Return `count` numbers, given as an array, list or tuple, as a float64 array. Return None for any other value,
+    and for numbers that are not computed in float64.
     """
     if type(value) is np.ndarray:
-        is_supported = value.shape == (count,) and value.dtype.char in _FLOAT64_DTYPE_CHARACTERS
+        is_supported = value.shape == (count,) and value.dtype.char in _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64
     else:
         is_supported = (
             type(value) in _SEQUENCE_TYPES and len(value) == count and _NUMBER_TYPES.issuperset(map(type, value))
@@ -162,8 +166,8 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
 
 
 def read_component(name: str, value: Any) -> Any:
-    """Return one coordinate as a float or an array. A Python number stays one, so that it follows the dtype of the
-    arrays beside it.
+    """Return one coordinate as an array of real numbers, or a Python number as a float, which takes the dtype of the
+    arrays that it is combined with. Raise DtypeError for other values.
     """
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
@@ -181,8 +185,9 @@ def from_coordinates(
     sequence: str | None,
     execution: Execution,
 ) -> Any:
-    """Compute the PairState or PlanarState of a pair from its coordinates and as many derivatives as are given
-    (E1-E11). The compiled call is kept in `pair.prepared`.
+    """Compute the PairState or PlanarState of a pair from its coordinates and the derivatives that are not None
+    (E1-E11). Arrays in `out` are written into. The compiled call is cached in `pair.prepared`. Raise ArgumentError
+    for unusable arguments.
     """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
@@ -222,7 +227,9 @@ def plan_from_coordinates(
     sequence: Any,
     keep_foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
-    """Return the Plan that computes outputs from the coordinates, and the PairCoordinates as read."""
+    """Return (plan, coordinates): the Plan that computes the requested outputs from the coordinates, and the
+    arguments q, qd and qdd as PairCoordinates. Raise ArgumentError for unusable arguments.
+    """
     if kind is SPATIAL_MOTION and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
     coordinates = read_pair_coordinates(kind, q, qd, qdd, keep_foreign)
@@ -241,7 +248,7 @@ def from_body1(
     execution: Execution,
 ) -> Any:
     """Compute the PairState of a pair from the motion of body 1 and the hinge angle with its derivatives (E1, E2,
-    E5-E9).
+    E5-E9). Arrays in `out` are written into. Raise ArgumentError for unusable arguments.
     """
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_ARGUMENT_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
@@ -254,8 +261,8 @@ def from_body1(
 def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
-    """Return the Plan that computes outputs from the motion of body 1 and the hinge angle, the input values by name,
-    and the shapes of their samples.
+    """Return (plan, values, shapes): the Plan that computes the requested outputs from the motion of body 1 and the
+    hinge angle, its inputs by name, and the shapes of their samples. Raise ArgumentError for unusable arguments.
     """
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
@@ -277,8 +284,8 @@ def plan_from_body1(
 
 
 def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind) -> tuple[str, ...]:
-    """Return the names of the outputs to compute, checked: those of `outputs`, or else the defaults of the level and
-    the keys of `out`.
+    """Return a tuple of the names of the outputs to compute: `outputs`, or by default those that the level (0 pose, 1
+    velocity, 2 acceleration) allows and the keys of `out`. Raise ArgumentError for unknown names.
     """
     if outputs is not None:
         names = check_outputs(outputs, kind.levels)
@@ -289,7 +296,7 @@ def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind)
 
 
 def check_out(out: Out, names: tuple[str, ...]) -> None:
-    """Raise ArgumentError if `out` is no dict, or holds an array for anything but the outputs `names`.
+    """Raise ArgumentError if `out` is neither None nor a mapping, or has a key that is not among the output `names`.
 
     Raises:
         ArgumentError: names the argument `out`.
@@ -306,7 +313,9 @@ def check_out(out: Out, names: tuple[str, ...]) -> None:
 def _checked_plan(
     names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: MotionKind
 ) -> Plan:
-    """Return the Plan for some outputs; raise ArgumentError if the inputs do not suffice."""
+    """Return the Plan that computes the outputs `names` of a pair from the named inputs. Raise ArgumentError, which
+    names the missing input, if they do not suffice.
+    """
     home = "home" in pair.values
     plan = make_plan(names, sequence, home, kind=kind, given_names=input_names)
     known_names = {*input_names, *pair.values}

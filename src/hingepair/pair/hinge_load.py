@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array, finite_number
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 HINGE_TORQUE_PART_NAMES: Final = ("motor", "spring", "damper", "friction", "stop")
 """What the torque of a `HingeLoad` consists of; among all loads each is called with _torque behind."""
-_SCALAR_CODE_ERROR_TEXTS = (
+_ARRAY_USED_AS_SCALAR_ERROR_TEXTS = (
     "truth value of an array",
     "arrays can be converted to Python scalars",
 )  # NumPy's messages
@@ -24,7 +24,8 @@ _SCALAR_CODE_ERROR_TEXTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
-    """Torque at the hinge from motor, spring, damper, friction and stops, as `hinge_torque` of `simulate`.
+    """Torque at the hinge from motor, spring, damper, friction and stops, for the argument `hinge_torque` of
+    `simulate`. It is called with arrays (t, psi, psid).
 
     torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a stop by the angle
     delta, the stop adds a torque of size stop_stiffness delta (1 + stop_damping delta') that pushes back, or 0 if
@@ -97,8 +98,7 @@ class HingeLoad:
     @property
     def kinks(self) -> tuple[float, ...]:
         """Angles psi [rad] of all stops of this load and of HingeLoads that are its motor, as an increasing tuple.
-
-        Between them, the torque is a smooth function of psi.
+        The torque is a smooth function of psi between them.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
@@ -130,18 +130,16 @@ class HingeLoad:
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """Largest lower and smallest upper rigid stop [rad] of this load and of HingeLoads that are its motor.
-
-        A pair (lower, upper), -inf or inf if there is no such stop. Stops are rigid if stop_restitution is given.
+        """Largest lower and smallest upper rigid stop [rad] of this load and of HingeLoads that are its motor, as a
+        pair (lower, upper); -inf or inf if there is none. Stops are rigid if stop_restitution is given.
         """
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """Largest lower and smallest upper stop [rad] of this load and of HingeLoads that are its motor.
-
-        A pair (lower, upper), -inf or inf if there is no stop.
+        """Largest lower and smallest upper stop [rad] of this load and of HingeLoads that are its motor, as a pair
+        (lower, upper); -inf or inf if there is none.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -234,8 +232,8 @@ class HingeLoad:
         }
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m] by name; at kinks, those that hold on the side of the angle and rate
-        `side`.
+        """Compute the terms of the torque [N m], a dict by name (motor, spring, damper, friction, stop). The hinge
+        angle and rate in `side` select the stop and the direction of dry friction; psi and psid enter the formulas.
         """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
@@ -260,20 +258,23 @@ class HingeLoad:
         return terms
 
     def _nested(self) -> tuple[HingeLoad, ...]:
-        """Return this load, and those that are its motor, and the motor of that."""
+        """Return a tuple of this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
         return (self, *(self.motor._nested() if is_named(self.motor) else ()))
 
 
 def is_named(torque: object) -> TypeGuard[HingeLoad]:
-    """Return whether the kinks and parts of a torque are known: those of a class derived from HingeLoad are not."""
+    """Return whether a hinge torque is exactly a HingeLoad, whose kinks and parts are known. Those of derived classes
+    are not.
+    """
     return type(torque) is HingeLoad
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Raise ArgumentError if `function` cannot be called with the arguments that are named.
+    """Raise ArgumentError, which names `name`, if `function` is not callable with as many positional arguments as
+    `arguments` has names.
 
     Raises:
-        ArgumentError: names it.
+        ArgumentError: the function cannot be called so.
     """
     expected = f"a callable of ({', '.join(arguments)})"
     if not callable(function):
@@ -287,7 +288,8 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a callable for array arguments; raise ArgumentError if it treats them as single numbers.
+    """Return the result of a callable for array arguments. Raise ArgumentError, which names `name`, if it fails
+    because it treats an array as a single number.
 
     Raises:
         ArgumentError: the callable compares or converts an array as if it were one number; names it.
@@ -295,7 +297,7 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     try:
         return function(*arguments)
     except (TypeError, ValueError) as error:
-        if not any(sign in str(error) for sign in _SCALAR_CODE_ERROR_TEXTS):
+        if not any(sign in str(error) for sign in _ARRAY_USED_AS_SCALAR_ERROR_TEXTS):
             raise
         expected = "a callable of arrays, one element for each instant: np.where instead of if, np.sin of math.sin"
         raise ArgumentError(name, expected, f"one that takes single numbers ({error})") from error

@@ -19,7 +19,7 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion
+from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.constants import Constants, check_single_pair, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
@@ -32,13 +32,16 @@ from hingepair.plans.plan import SPATIAL_MOTION
 
 Returned = TypeVar("Returned")
 
-SAMPLE_SHAPE_BY_ARGUMENT: Final = {**SPATIAL_MOTION.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SAMPLE_SHAPES)}
+SAMPLE_SHAPE_BY_ARGUMENT: Final = {
+    **SPATIAL_MOTION.shapes,
+    **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
+}
 """Shape of one sample of each argument that may be a Dask array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class HingePair(Shown):
-    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1); they turn relative to each other about the
+    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1). They turn relative to each other about the
     hinge axis n only (E2).
 
     The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
@@ -143,7 +146,9 @@ class HingePair(Shown):
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
+        """Return the result of a method for arguments that contain Dask arrays, with lazy Dask arrays in it. Nothing
+        is computed. Raise ShapeError if the pair has leading axes.
+        """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
 
@@ -369,7 +374,8 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
+        (..., 7, 7) (D6). Raise ArgumentError if a body has no mass properties.
 
         bias holds the forces and torques that velocities and gravity require.
 
@@ -407,7 +413,7 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
-        (D1-D5).
+        (D1-D5). Raise ArgumentError if a body has no mass properties.
 
         Args:
             body1: the motion of body 1; S, omega, a and alpha are used.
@@ -455,7 +461,8 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """Compute the Accelerations of the pair that given forces and torques cause (D6).
+        """Compute the Accelerations of body 1 and of the hinge angle that forces and torques cause (D6). Raise
+        ArgumentError if a body has no mass properties, or if the mass matrix is singular.
 
         The arrays broadcast against each other. Instead of an array, a force or torque may be the number 0.
 
@@ -475,8 +482,8 @@ class HingePair(Shown):
             (..., 3), and psidd [rad/s^2], shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the inertia
-                against one of the motions is zero, so that no acceleration follows.
+            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
+                is singular, for instance because body 2 has no inertia about the hinge axis.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -505,7 +512,7 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
-        Only body 2 needs mass properties.
+        Raise ArgumentError if body 2 has no mass properties; body 1 needs none.
 
         The arguments are those of `inverse_dynamics`.
 
@@ -537,7 +544,8 @@ class HingePair(Shown):
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count.
+        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count;
+        raise ArgumentError if body 2 has none.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -571,9 +579,10 @@ class HingePair(Shown):
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). Raise ArgumentError if
+        a body has no mass properties.
 
-        The arguments are those of `energy`. Both bodies need mass properties.
+        The arguments are those of `energy`.
 
         Returns:
             The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
@@ -605,7 +614,7 @@ class HingePair(Shown):
         t: ArrayLike | None = None,
     ) -> Residuals:
         """Compute the Residuals of two motions: by how much they violate the hinge constraints E1 and E2 and their
-        time derivatives, compared with tolerances.
+        time derivatives, compared with tolerances. For Dask arrays, return LazyResiduals.
 
         Args:
             body1: the motion of body 1.
@@ -653,7 +662,7 @@ class HingePair(Shown):
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
+        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2).
 
         `coordinate_jacobian` computes the Jacobian with respect to qd, the time derivatives of the coordinates.
 
@@ -676,7 +685,7 @@ class HingePair(Shown):
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
         """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that
-        is caused by velocities (E9).
+        is caused by velocities, shape (..., 6) (E9).
 
         Jac is the result of `jacobian`.
 
@@ -701,7 +710,7 @@ class HingePair(Shown):
 
     def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
         """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven
-        coordinates q (E8, E2, E4).
+        coordinates q; shape (..., 6, 7) (E8, E2, E4).
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -723,9 +732,8 @@ class HingePair(Shown):
     def coordinate_jacobian_rate(
         self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
     ) -> FloatArray:
-        """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns (E9).
-
-        With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd.
+        """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
+        (E9). With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -783,7 +791,7 @@ class HingePair(Shown):
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7).
+        home cause, to first order (E5, E7). Raise ArgumentError if all standard deviations are 0.
 
         Give either standard deviations or a covariance. `hingepair.sample_pairs` draws random pairs with the same
         tolerances, which shows whether the first order is accurate enough.
@@ -818,8 +826,8 @@ class HingePair(Shown):
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the 5 x 12 Jacobian G of the hinge constraints, for solvers of differential-algebraic equations
-        (E1, E2).
+        """Compute the Jacobian G of the hinge constraints, shape (..., 5, 12), for solvers of differential-algebraic
+        equations (E1, E2).
 
         The five constraints are gap = 0 and tilt = 0. gap = R1 + S1 u1 - R2 - S2 u2 has three components in world
         axes [m]. tilt has two: the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2. Here C is `home`, e1 is the
@@ -847,7 +855,7 @@ class HingePair(Shown):
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, the part of the constraints'
-        second time derivatives that is caused by velocities (E1, E2).
+        second time derivatives that is caused by velocities, shape (..., 5) (E1, E2).
 
         `constraint_jacobian` explains gap and tilt and returns G. For motions that the hinge allows, gap'' and tilt''
         are zero; the bias in general is not.
@@ -873,7 +881,9 @@ class HingePair(Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
-    """Return the limits of the hinge angle [rad] as (lower, upper), or None for None; refuse limits out of order."""
+    """Return the limits of the hinge angle [rad] as floats (lower, upper), or None for None. Raise ArgumentError
+    unless they are finite and lower < upper.
+    """
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)
@@ -883,7 +893,9 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return the Body, or None for None; raise ArgumentError for anything else."""
+    """Return the argument unchanged if it is a Body or None; raise ArgumentError, which names `name`, for anything
+    else.
+    """
     if body is None:
         return None
     if not isinstance(body, Body):

@@ -221,7 +221,8 @@ class PlanarPair(Shown):
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M in M @ (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque), shape
+        (..., 4, 4) (D6). Raise ArgumentError if a body has no mass properties.
 
         bias holds the forces and torques that velocities and gravity require.
 
@@ -243,12 +244,13 @@ class PlanarPair(Shown):
         if holds_dask(q):
             return self._lazily(self.mass_matrix, q=q)
         (M,) = self._compute_quantity(dynamics.MASS_MATRIX_QUANTITY, {"q": q})
-        return M[..., _PLANAR_COORDINATE_INDICES[:, None], _PLANAR_COORDINATE_INDICES]
+        return M[..., _PLANAR_INDICES_IN_SPATIAL_COORDINATES[:, None], _PLANAR_INDICES_IN_SPATIAL_COORDINATES]
 
     def inverse_dynamics(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the pin (D1-D5).
+        Raise ArgumentError if a body has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -281,8 +283,8 @@ class PlanarPair(Shown):
     def hinge_wrench(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). Only body 2
-        needs mass properties.
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). Raise
+        ArgumentError if body 2 has no mass properties; body 1 needs none.
 
         The arguments are those of `inverse_dynamics`.
 
@@ -320,7 +322,8 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """Compute the second time derivatives qdd of the coordinates that given forces and torques cause (D6).
+        """Compute the second time derivatives qdd of the coordinates that forces and torques cause, shape (..., 4)
+        (D6). Raise ArgumentError if a body has no mass properties, or if the mass matrix is singular.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -336,8 +339,8 @@ class PlanarPair(Shown):
             The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4).
 
         Raises:
-            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the inertia
-                against one of the motions is zero, so that no acceleration follows.
+            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
+                is singular, for instance because body 2 has no inertia about the pin.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -354,7 +357,8 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count.
+        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count;
+        raise ArgumentError if body 2 has none.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -379,7 +383,8 @@ class PlanarPair(Shown):
         return Energy(*self._compute_quantity(dynamics.ENERGY_QUANTITY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8).
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). Raise ArgumentError if
+        a body has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -409,8 +414,9 @@ class PlanarPair(Shown):
         gravity: ArrayLike = PLANAR_GRAVITY,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """Return the arrays of a DynamicsQuantity in space, computed from coordinates (q, qd, qdd by name) and loads
-        in the plane.
+        """Return the spatial arrays of a DynamicsQuantity, such as forces with three components, computed from planar
+        coordinates (q, qd, qdd by name) and loads. Raise ArgumentError if a coordinate argument is None or a needed
+        mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:
@@ -433,12 +439,12 @@ class PlanarPair(Shown):
         return compute_arrays(massive, quantity.outputs, values, shapes, sequence="XYZ").values()
 
 
-_PLANAR_COORDINATE_INDICES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
+_PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
 
 
 def _body_in_plane(body: Body) -> Body:
-    """Return a copy of the body with its centre of mass moved to z = 0, and its inertia about z as that about every
-    axis.
+    """Return a copy of the body with its centre of mass moved to z = 0, and with its moment of inertia about z as all
+    three principal moments.
     """
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
@@ -449,8 +455,8 @@ def _body_in_plane(body: Body) -> Body:
 def motion_in_space(
     q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
 ) -> tuple[Any, ...]:
-    """Return the BodyMotion of body 1 in space, then psi and its derivatives, from q, qd, qdd in the plane as far as
-    they are given.
+    """Return a tuple of the spatial BodyMotion of body 1, psi, and psid and psidd as far as qd and qdd are given,
+    from planar coordinates q, qd and qdd.
     """
     coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
@@ -467,7 +473,9 @@ def motion_in_space(
 
 
 def _spatial_load(name: str, value: ArrayLike) -> Any:
-    """Return a planar load (force, torque or hinge_torque) as one in space; the number 0 stands for no force."""
+    """Return a planar load (force, torque or hinge_torque, as `name` says) as a spatial one: a tuple of three
+    components, or the hinge_torque itself. The number 0 is accepted for a force.
+    """
     if name == "hinge_torque":
         return kinematics.read_component(name, value)
     if name.startswith("torque"):

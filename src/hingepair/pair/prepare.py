@@ -60,8 +60,8 @@ _OUTPUT_NAMES: Final = (
 
 
 class Prepared:
-    """A call that is planned, checked and compiled once for inputs and outputs of given names; `HingePair.prepare`
-    returns it.
+    """Callable that computes given outputs from given inputs of a pair, and that was planned, checked and compiled
+    before. `HingePair.prepare` returns it.
 
     Call it with one array for each name in `given`, in this order. It can be copied and pickled.
 
@@ -116,8 +116,8 @@ class Prepared:
         return self._call_any_arguments(given, out)
 
     def _call_any_arguments(self, given: Sequence[Any], out: Out) -> Any:
-        """Return the state for arguments that the fast paths do not take, such as lists and arrays of other
-        libraries; refuse unusable ones.
+        """Compute the PairState for any kind of arguments, such as lists and arrays of other libraries, which the
+        fast paths do not take. Arrays in `out` are written into. Raise ArgumentError for unusable arguments.
         """
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
@@ -153,8 +153,8 @@ def prepare(
     gravity: ArrayLike,
     execution: Execution,
 ) -> Prepared:
-    """Return the Prepared call of a HingePair that `HingePair.prepare` describes; compile it unless the backend is
-    "numpy".
+    """Return the Prepared call that `HingePair.prepare` describes; compile it unless the backend is "numpy". Raise
+    ArgumentError for unknown names, missing inputs and missing masses.
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
@@ -192,8 +192,8 @@ def prepare(
 
 
 def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the inputs as a tuple; refuse unknown names, and names without exactly one attitude of body
-    1.
+    """Return the input names that `given` (a keyword such as "velocity", or names) stands for, as a tuple. Raise
+    ArgumentError for unknown names, and unless exactly one of them is an attitude of body 1.
     """
     try:
         names = _INPUT_NAMES_BY_KEYWORD[given] if isinstance(given, str) else tuple(given)

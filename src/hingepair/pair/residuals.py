@@ -18,7 +18,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, fini
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
-from hingepair.pair.body_motion import MOTION_SAMPLE_SHAPES, BodyMotion, motion_arrays
+from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
@@ -194,7 +194,7 @@ class Residuals(Frozen, Shown):
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
-RESIDUAL_BOUND_ROUNDOFFS = 32
+DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS = 32
 """Residuals that round-off explains, in units of u * scale: of motion that the library computed, 6 was the largest
 seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm sqrt(3) times
 that."""
@@ -534,13 +534,13 @@ def _compare_residual(
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
     """Return the comparison of one residual with its tolerance at every sample: the given tolerance, or
-    RESIDUAL_BOUND_ROUNDOFFS * u * scale.
+    DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * u * scale.
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
             tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
         else:
-            tolerance = RESIDUAL_BOUND_ROUNDOFFS * np.maximum(
+            tolerance = DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * np.maximum(
                 np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
             )
         sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
@@ -549,7 +549,7 @@ def _compare_residual(
 
 def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
     """Return as text where the tolerance of a residual comes from: "given", or the formula of round-off."""
-    formula = f"{RESIDUAL_BOUND_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
+    formula = f"{DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
@@ -568,7 +568,7 @@ def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
 
 def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
     """Return the dtypes of all arrays of motions."""
-    arrays = (getattr(body, letter) for body in bodies for letter in MOTION_SAMPLE_SHAPES)
+    arrays = (getattr(body, letter) for body in bodies for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE)
     return [array.dtype for array in arrays if array is not None]
 
 

@@ -21,7 +21,7 @@ from hingepair.pair.states import PairState, PlanarState
 
 ROWS_PER_BLOCK: Final = 131072
 """Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
-MAX_HELD_INSTANTS: Final = 10_000_000
+MAX_INSTANTS_IN_MEMORY: Final = 10_000_000
 """Instants that are held in memory at most."""
 
 _COMPONENT_LETTERS = "xyz"  # that a component's name ends with
@@ -34,8 +34,8 @@ RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None
 
 
 class Result(Shown):
-    """Base of results that are arrays over instants and can become tables and files. Subclasses have `t`,
-    `recorded()` and `described`.
+    """Base class of results that consist of arrays over instants, and that can be converted to tables and saved to
+    files. Subclasses define `t`, `recorded()` and `described`.
     """
 
     __slots__ = ()
@@ -67,11 +67,13 @@ class Result(Shown):
         return sorted({*attributes, *self._named()})
 
     def _named(self) -> Iterable[str]:
-        """Return the names of the attributes that a result has beside those of its class, for `dir`."""
+        """Return the names of the attributes that this result has in addition to those of its class, for `dir`."""
         raise NotImplementedError
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return the names of the leading axes of all arrays, the last of which is time; and the arrays by name."""
+        """Return (axis_names, arrays): the names of the leading axes that all arrays share, of which the last is
+        time, and the arrays by name.
+        """
         return ("time",), self.recorded()
 
     def _sheet(self) -> Sheet:
@@ -144,14 +146,15 @@ class Result(Shown):
 
 
 class Record(Result):
-    """Result that holds arrays over instants by name: `record.hinge_torque`, `record["hinge_torque"]`.
+    """Result that holds any arrays over instants. They are read as attributes or by name: `record.hinge_torque`,
+    `record["hinge_torque"]`.
 
     Args:
         t: instants [s]; shape (N,).
-        arrays: by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
-        described: what they are, in a sentence.
+        arrays: the arrays by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
+        described: description of the arrays in one sentence.
         inputs: files that the arrays were computed from.
-        unit: gives the unit of each array, and of its components, by name.
+        unit: function that returns the unit of an array or of one of its components by name.
 
     >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
     (2, 3)
@@ -177,7 +180,7 @@ class Record(Result):
         self._arrays = dict(arrays)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays that were collected, by name."""
+        """Return the arrays that the record holds, by name."""
         return self._arrays
 
     def unit(self, name: str) -> str:
@@ -207,28 +210,29 @@ def result_file(
     inputs: Iterable[str | os.PathLike[str]] = (),
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
-    """Open a file for results, yield a function that appends a block of rows, and close it. The file appears only if
-    the `with` block ends without an error.
+    """Open a file for results, yield a function that appends a block of rows, and close the file. It replaces an
+    existing file only if the `with` block ends without an error. Raise ArgumentError if the path cannot be used, and
+    MissingDependencyError if a package for the format is missing.
 
-    .csv and .parquet are written as the blocks come; of .npz and .nc all that came is held until the end.
+    .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
 
     Args:
-        path: ends in one of `RESULT_SUFFIXES`.
-        samples: how many instants will come.
-        described: what they are, for files that describe themselves.
-        inputs: files that are being read from, which the path must not be.
-        unit: gives the unit of each array by its name.
+        path: file name that ends in one of `RESULT_SUFFIXES`.
+        samples: number of instants that will be written.
+        described: description of the result, for formats that store it.
+        inputs: files that are being read and must not be overwritten.
+        unit: function that returns the unit of an array by its name.
 
     Raises:
-        ArgumentError: another ending, one that does not take so many, or the file cannot be written; what was there
-            before stays.
+        ArgumentError: the ending is unknown or does not allow so many instants, or the file cannot be written. A file
+            that existed before stays as it was.
         MissingDependencyError: the package for this kind of file is not installed.
     """
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_HELD_INSTANTS and kind in _WRITE_FUNCTION_BY_SUFFIX:
-        limit = f"more than {MAX_HELD_INSTANTS} instants, which go block by block"
+    if samples > MAX_INSTANTS_IN_MEMORY and kind in _WRITE_FUNCTION_BY_SUFFIX:
+        limit = f"more than {MAX_INSTANTS_IN_MEMORY} instants, which go block by block"
         expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
     with whole_file(target, inputs) as file, _WRITER_BY_SUFFIX[kind](file, samples, described, unit) as add:
@@ -239,15 +243,15 @@ def check_ending(path: Path) -> None:
     """Raise ArgumentError if the ending of a file name is not one of RESULT_SUFFIXES.
 
     Raises:
-        ArgumentError: it ends in none that is known.
+        ArgumentError: the ending is unknown.
     """
     if path.suffix.lower() not in _WRITER_BY_SUFFIX:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_SUFFIXES)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return a list with one name for each component: R2_x, S2_xy and so on; a number at each instant keeps its own
-    name.
+    """Return a list of column names, one for each component of each array: R2_x, S2_xy and so on. An array of one
+    number at each instant keeps its name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
@@ -255,9 +259,11 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
     return [f"{name}{ending}" for name, array in arrays.items() for ending in _component_suffixes(array.shape[1:])]
 
 
-def _component_suffixes(tail: tuple[int, ...]) -> list[str]:
-    """Return the suffix of each component's name for a shape: () for a number, (3,) or (2,) for a vector, (3, 3)."""
-    letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(tail)]
+def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
+    """Return a list of the suffixes of the components' names for an array with the given shape of one sample, such as
+    "_x" for (3,) and "_xy" for (3, 3); an empty suffix for ().
+    """
+    letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(sample_shape)]
     return [f"_{c}" if c else "" for c in letters]
 
 
@@ -267,11 +273,11 @@ def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[
 
 @contextlib.contextmanager
 def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
-    """Yield a function that appends rows to a CSV file; its first call writes the heading."""
+    """Yield a function that appends rows to an open CSV file. Its first call also writes the line of column names."""
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows of instants t [s] and of arrays by name, one line per instant."""
+        """Append rows with the instants t [s] and the components of the arrays, one line per instant."""
         nonlocal begun
         if not begun:
             begun = True
@@ -286,12 +292,14 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 
 @contextlib.contextmanager
 def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
-    """Yield a function that appends rows to a Parquet file, whose metadata hold the description and units."""
+    """Yield a function that appends rows to an open Parquet file; the file's metadata contain the description and the
+    units. Raise MissingDependencyError if PyArrow is not installed.
+    """
     arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append a row group of instants t [s] and of arrays by name."""
+        """Append rows with the instants t [s] and the components of the arrays, as a row group."""
         nonlocal writer
         arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
@@ -311,12 +319,14 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
 def _collecting_writer(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
-    """Yield a function that collects rows in memory; call `write` for all of them when the `with` block ends."""
+    """Yield a function that collects blocks of rows in memory. When the `with` block ends without an error, `write`
+    is called once with all of them.
+    """
     kept: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Collect instants t [s] and arrays by name; arrays of all samples are kept without a copy."""
+        """Collect the instants t [s] and arrays of a block. A block of all samples is kept without a copy."""
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:
@@ -339,11 +349,11 @@ def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: C
 
 
 def import_data_package(package: str, caller: str) -> Any:
-    """Import and return a package that tables or files need; raise MissingDependencyError, which names `caller`, if
-    it is not installed.
+    """Import and return a package that tables or files need. Raise MissingDependencyError, which names the method
+    `caller` that needs it, if it is not installed.
 
     Raises:
-        MissingDependencyError: it is not installed; names the method that asked for it.
+        MissingDependencyError: the package is not installed.
     """
     try:
         return importlib.import_module(package)

@@ -69,8 +69,8 @@ class PairState(Results):
 
     @property
     def body2(self) -> BodyMotion:
-        """The motion of body 2 as a BodyMotion, which can be the motion of body 1 of the next pair of a chain. Its
-        rotation matrices are not checked again.
+        """The motion of body 2 as a BodyMotion, which can be the motion of body 1 of the next pair of a chain. Raises
+        ArgumentError if R2 or S2 was not computed.
 
         Raises:
             ArgumentError: R2 or S2 is not among the outputs.
@@ -87,8 +87,8 @@ class PairState(Results):
 
     @property
     def body1(self) -> BodyMotion:
-        """The motion of body 1 as a BodyMotion, if R1 and S1 are among the outputs. Its rotation matrices are not
-        checked again.
+        """The motion of body 1 as a BodyMotion. Raises ArgumentError if R1 or S1 was not computed, which `outputs`
+        can request.
 
         Raises:
             ArgumentError: R1 or S1 is not among the outputs.
@@ -100,8 +100,8 @@ class PairState(Results):
         return [*super().__dir__(), *bodies]
 
     def _motion(self, body: str) -> BodyMotion:
-        """Return the BodyMotion of body "1" or "2" from the computed outputs; raise ArgumentError without its R and
-        S.
+        """Return the motion of body "1" or "2" as a BodyMotion made of the computed outputs. Raise ArgumentError if R
+        or S of this body was not computed.
         """
         for letter in "RS":
             if letter + body not in self.outputs:

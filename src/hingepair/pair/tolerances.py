@@ -21,10 +21,12 @@ GEOMETRY_COMPONENT_NAMES: Final = tuple(
 """The twelve numbers of a pair's geometry, in the order of its covariance: u1 and u2 [m], n, and the rotation vector
 that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
 
-STANDARD_DEVIATION_ARGUMENTS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
+STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "home_std")
 """The arguments that say how far each part of the geometry scatters."""
 
-_COVARIANCE_REL_TOLERANCE = 1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
+_MAX_COVARIANCE_DEFECT_TO_LARGEST_VARIANCE = (
+    1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -87,8 +89,9 @@ class PoseCovariance(Frozen):
 def propagate_covariance(
     pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
 ) -> PoseCovariance:
-    """Compute the PoseCovariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first
-    order.
+    """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of the geometry
+    cause, to first order. `std` are standard deviations by `STANDARD_DEVIATION_ARGUMENT_NAMES`. Raise ShapeError if
+    `pair` has leading axes, ArgumentError if all standard deviations are 0.
     """
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
@@ -170,16 +173,18 @@ def sample_pairs(
 
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
-    """Return the covariance of u1, u2, n and the rotation vector of home, from standard deviations or as given and
-    checked; shape (12, 12).
+    """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
+    or that of independent standard deviations. Raise ArgumentError if both are given, or if all standard deviations
+    are 0.
 
     Args:
-        n: the hinge axis, of unit length; shape (3,).
-        covariance: as it was given; None where it follows from standard deviations.
-        **std: by the names of `STANDARD_DEVIATION_ARGUMENTS`: numbers, or, but for the axis, three.
+        n: hinge axis, of unit length; shape (3,).
+        covariance: the covariance, or None to use standard deviations.
+        **std: standard deviations by the names of `STANDARD_DEVIATION_ARGUMENT_NAMES`: a number each, or three except
+            for the axis.
 
     Raises:
-        ArgumentError: no number of these is positive, or one cannot be used; names it.
+        ArgumentError: an argument cannot be used; the error names it.
     """
     sizes = {name: _three_deviations(name, value) for name, value in std.items()}
     scattered = [name for name, geometry in sizes.items() if geometry.any()]
@@ -198,7 +203,9 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
-    """Return three standard deviations; a number stands for three that are equal. Refuse numbers below 0."""
+    """Return an array of three standard deviations; a number stands for three equal ones. Raise ArgumentError for
+    negative numbers, and for three where `name` is "axis_std".
+    """
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         return np.full(3, number_not_below_0(name, number))
@@ -209,12 +216,12 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Return a covariance of the twelve components of the geometry, made exactly symmetric; refuse one with negative
-    variances. Shape (12, 12).
+    """Return a covariance of the twelve components of the geometry, shape (12, 12), made exactly symmetric. Raise
+    ArgumentError if it is not symmetric, has a negative eigenvalue, or is zero.
     """
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
-    allowed = _COVARIANCE_REL_TOLERANCE * largest
+    allowed = _MAX_COVARIANCE_DEFECT_TO_LARGEST_VARIANCE * largest
     if not largest > 0 or np.abs(matrix - matrix.T).max() > allowed or np.linalg.eigvalsh(matrix).min() < -allowed:
         expected = "a covariance: a symmetric matrix whose eigenvalues are not negative and not all 0"
         raise ArgumentError("covariance", expected, "another matrix")

@@ -418,13 +418,17 @@ class Scene(SampledScene):
         """Return sentences for a comparison with Pinocchio: on errors of the motion that are unknown, or that exceed
         the bound of the comparison. `u` is the unit roundoff.
         """
-        from hingepair.pair.accuracy import PINOCCHIO_BOUND_ROUNDOFFS
+        from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
 
         estimates = {unit: error() for unit, error in self.motion.errors.items()}
-        large = [f"{error:.1g} {unit}" for unit, error in estimates.items() if error > PINOCCHIO_BOUND_ROUNDOFFS * u]
+        large = [
+            f"{error:.1g} {unit}"
+            for unit, error in estimates.items()
+            if error > MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS * u
+        ]
         notes = [self.motion.doubt] if math.isnan(self.motion.error_estimate) and self.motion.doubt else []
         if large:
-            bound = f"the bound of {PINOCCHIO_BOUND_ROUNDOFFS * u:.1g} rad"
+            bound = f"the bound of {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS * u:.1g} rad"
             held = "the comparison is one of the equations at each instant, not of the way there"
             notes.append(
                 f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"

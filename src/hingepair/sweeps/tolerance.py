@@ -13,7 +13,7 @@ from hingepair.errors import MissingDependencyError, SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENTS, sample_pairs
+from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
 from hingepair.plans.plan import POSE
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.scene import Scene
@@ -195,7 +195,7 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
         SceneError: a key is unknown, or a value is neither a number nor a list of three (for the axis: not a number).
     """
     table = scene.tables.table("tolerances", required=False)
-    table.check_keys(STANDARD_DEVIATION_ARGUMENTS)
+    table.check_keys(STANDARD_DEVIATION_ARGUMENT_NAMES)
     return {
         name: table.numbers(name, 3) if isinstance(value, list) and name != "axis_std" else table.number(name)
         for name, value in table.values.items()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from hingepair.errors import printable
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import (
-    PINOCCHIO_BOUND_ROUNDOFFS,
-    PINOCCHIO_SCALE_TERM_BY_OUTPUT,
+    MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS,
+    PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT,
     PROMISED_BOUND_BY_OUTPUT,
     SCALE_FORMULA_BY_PLANAR_OUTPUT,
 )
@@ -55,7 +55,7 @@ class Comparison:
     max_ratio: float
     worst_sample: tuple[int, ...] | None
     samples: int
-    bound: float = PINOCCHIO_BOUND_ROUNDOFFS
+    bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
 
     @property
     def ok(self) -> bool:
@@ -65,7 +65,7 @@ class Comparison:
     @property
     def scale(self) -> str:
         """Formula of the scale of this output's error, as text for a reader."""
-        added_terms = PINOCCHIO_SCALE_TERM_BY_OUTPUT.get(self.output)
+        added_terms = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(self.output)
         if self.output in _SCALE_TEXT_BY_LOAD:
             return _SCALE_TEXT_BY_LOAD[self.output]
         formula = SCALE_FORMULA_BY_PLANAR_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
@@ -78,7 +78,7 @@ class Comparison:
         error: NDArray[np.float64],
         ratio: NDArray[np.float64],
         shape: tuple[int, ...],
-        bound: float = PINOCCHIO_BOUND_ROUNDOFFS,
+        bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS,
     ) -> Comparison:
         """Return the comparison of one output from its errors, shape (N,), and the same errors in units of u * scale
         (`ratio`), shape (N,). `shape` is the leading shape of the samples; NaN is not compared.
@@ -186,7 +186,7 @@ class CrossValidation(Shown):
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
         more = f", and {forces} within {FORCE_ERROR_BOUND_ROUNDOFFS} u*scale of its rnea" if forces else ""
-        return f"PASSED: {outputs} within {PINOCCHIO_BOUND_ROUNDOFFS} u*scale of Pinocchio{more}{beside}"
+        return f"PASSED: {outputs} within {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS} u*scale of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
         planar = any(row.output in SCALE_FORMULA_BY_PLANAR_OUTPUT for row in self.rows)

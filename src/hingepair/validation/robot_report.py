@@ -11,7 +11,7 @@ import numpy as np
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
-from hingepair.pair.accuracy import PINOCCHIO_BOUND_ROUNDOFFS
+from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
 
 _ROBOT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
 """Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
@@ -40,7 +40,7 @@ class RobotComparison:
     worst_sample: tuple[int, ...] | None
     worst_part: str
     samples: int
-    bound: float = PINOCCHIO_BOUND_ROUNDOFFS
+    bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
     singular: int = 0
     unresisted: str = ""
 
@@ -132,7 +132,7 @@ class RobotValidation(Shown):
         left = [row.output for row in self.rows if not row.samples]
         outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         without = f"; not compared: {', '.join(left)}" if left else ""
-        return f"PASSED: {outputs} within {PINOCCHIO_BOUND_ROUNDOFFS} u*scale of Pinocchio{without}{beside}"
+        return f"PASSED: {outputs} within {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS} u*scale of Pinocchio{without}{beside}"
 
     def __str__(self) -> str:
         title, lines, notes = self._sheet()
