@@ -34,18 +34,18 @@ from hingepair.measured.likelihood import (
 from hingepair.measured.relative_poses import MAX_CANDIDATE_RANKING_SAMPLES, RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
-# Random triples of samples, each of which determines a circle; the second number where clock offsets are compared.
+# Random triples of samples, each of which determines a circle.
 _NUM_SAMPLE_TRIPLES = 300
-_NUM_ROUGH_SAMPLE_TRIPLES = 60
+_NUM_ROUGH_SAMPLE_TRIPLES = 60  # where clock offsets are compared
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
 # Limit on the number of samples that no recording reaches.
 _UNLIMITED_SAMPLE_COUNT = 2**62
-_MAX_CIRCLE_STEPS = 60
+_MAX_CIRCLE_STEPS = 60  # Gauss-Newton steps of a fit
 _NUM_ROUGH_CIRCLE_STEPS = 6  # where clock offsets are compared
 # Turn of the axis [rad]; shift of the centre and change of the radius, divided by the diameter.
 _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP = 0.3
-_MAX_CONVERGED_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
+_MAX_CONVERGED_CIRCLE_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
 _CIRCLE_LOSS_SCALE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
 _MAX_COUNTED_SQUARED_DISTANCE_IN_VARIANCES = 900.0  # above, samples do not count
 _MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # extents of the path across its chord: in its plane and out of it
@@ -63,7 +63,9 @@ class Circle(NamedTuple):
     radius: float  # [m]
 
     def moved(self, step: Float64Array) -> Circle:
-        """Return the circle after a step: turns of n across (2), the centre in axes of `frame` (3), the radius."""
+        """Return the circle after a step: rotations of n (2) [rad], a shift of the centre in the axes of `frame`
+        (3), a change of the radius.
+        """
         centre = self.centre + frame(self.n) @ step[2:5]
         return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
 
@@ -77,12 +79,12 @@ class Circle(NamedTuple):
         return np.asarray(start / np.linalg.norm(start))
 
     def levers(self, gauge: str) -> tuple[Float64Array, Float64Array]:
-        """Return u1 and u2 of the hinge, with the point of the axis that the gauge names."""
+        """Return the levers u1 and u2 (3,) of the hinge. The gauge names the point of the axis that they lead to."""
         u1 = self.centre - (self.centre @ self.n) * self.n if gauge == "closest_to_R1" else self.centre
         return u1, u1 - self.centre - self.radius * self.zero_direction
 
     def angles(self, p: Float64Array) -> Float64Array:
-        """Return psi of points (N, 3) [rad]; (N,)."""
+        """Return the hinge angles psi (N,) [rad] at which the moving point is at positions p (N, 3)."""
         off = p - self.centre
         return np.asarray(np.arctan2(off @ np.cross(self.n, self.zero_direction), off @ self.zero_direction))
 
@@ -159,7 +161,9 @@ def fit_circle(
                 offset += share * delay
                 some = poses_at(offset, most)
                 least = _MAX_RESAMPLING_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
-            has_converged = bool(step @ normal @ step <= _MAX_CONVERGED_STEP_IN_STDS**2 * variance or turn < least)
+            has_converged = bool(
+                step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_IN_STDS**2 * variance or turn < least
+            )
             if has_converged:
                 break
     n = sign_of(circle.n) * circle.n
@@ -182,7 +186,7 @@ def fit_circle(
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
     circle_covariance = free * inverse @ (sums @ sums.T) @ inverse.T
     columns = [
-        (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge))
+        (_result_vector(circle.moved(x), gauge) - _result_vector(circle.moved(-x), gauge))
         / (2 * _CIRCLE_PARAMETER_DIFFERENCE_STEP)
         for x in _CIRCLE_PARAMETER_DIFFERENCE_STEP * np.eye(_NUM_CIRCLE_PARAMETERS)
     ]
@@ -254,8 +258,8 @@ def _variance_and_weights(
     )
 
 
-def _results(circle: Circle, gauge: str) -> Float64Array:
-    """Return u1, u2, n and the rotation vector of home, one after the other; (12,)."""
+def _result_vector(circle: Circle, gauge: str) -> Float64Array:
+    """Return u1, u2, n and the rotation vector of home, joined to one vector (12,)."""
     return np.concatenate((*circle.levers(gauge), circle.n, np.zeros(3)))
 
 

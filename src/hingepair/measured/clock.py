@@ -58,12 +58,12 @@ class ClockedPoses:
         self._step = float(np.median(np.diff(t)))
 
     @staticmethod
-    def possible(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
-        """Return whether there are enough samples of body 2 in a row to smooth it."""
+    def has_enough_samples(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
+        """Return whether body 2 has enough samples in a row to be smoothed."""
         return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_PIECE_SAMPLES))
 
-    def rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
-        """Return which samples of body 1 have a sample of body 2 at the same time."""
+    def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
+        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time."""
         return self._matched(offset, max_samples)[0]
 
     def _matched(

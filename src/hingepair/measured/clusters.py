@@ -88,7 +88,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     _check_not_on_line(cluster)
     R, S, off, cluster = _fit_poses_and_places(own, known, cluster, given is None)
     size = float(np.sqrt((cluster**2).sum() / cluster.shape[0]))
-    rms = _rms(off, known)
+    rms = _rms_by_marker(off, known)
     findings = _moved_marker_sentences(own, known, cluster, off, size)
     whole_R, whole_S = np.full((places.shape[0], 3), np.nan), np.full((places.shape[0], 3, 3), np.nan)
     whole_R[used], whole_S[used] = R, S
@@ -106,8 +106,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     )
 
 
-def _rms(off: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return the rms distance of each marker over the samples that show it [m]; (M,)."""
+def _rms_by_marker(off: Float64Array, is_seen: Float64Array) -> Float64Array:
+    """Return the rms distance of each marker from its place over the samples that show it [m]; (M,)."""
     return np.asarray(np.sqrt((off**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0)))
 
 

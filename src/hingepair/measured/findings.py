@@ -74,7 +74,7 @@ def check_turning(poses: RelativePoses) -> None:
         return
     p = thin.p
     slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
-    beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _length(p) else ""
+    beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _rms_distance(p) else ""
     about = " about any axis" if beside else ", about one axis no more than about others: a fixed pair"
     raise FitError(
         "body1, body2",
@@ -102,7 +102,7 @@ def judge_hinge(
     )
     poses, is_outlier = poses.thinned(_MAX_SAMPLES_FOR_FINDINGS), is_outlier[every]
     turning = _angle_scatter(residuals.psi, residuals.weights / residuals.weights.sum())
-    lever_length = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
+    lever_length = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _rms_distance(poses.p))
     outliers = _outlier_findings(residuals, poses, is_outlier)
     if any(not finding.harmless for finding in outliers):
         return outliers  # whatever else is seen is theirs
@@ -144,12 +144,12 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
 
 
 def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
-    """Return r^T C^-1 r of each sample, scaled so that the median is that of noise; (N,)."""
+    """Return the whitened squared residual of each sample (N,), scaled so that the median is that of noise."""
     return residuals.sizes / max(float(np.median(residuals.sizes)), 1e-300) * CHI2_MEDIAN_BY_DOF[5]
 
 
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
-    """Return whether rounding explains what is left of some samples."""
+    """Return whether rounding explains the residuals of the samples that `samples` marks."""
     largest = max(np.abs(residuals.gap[:, samples]).max() / poses.size, residuals.tilt[samples].max())
     return bool(largest < _MAX_RELATIVE_ROUNDING_RESIDUAL)
 
@@ -207,7 +207,7 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
             f"that leaves {np.degrees(rest):.2g} deg."
         )
     off = _common_point_distance(thin)
-    if off < 0.1 * _length(thin.p):
+    if off < 0.1 * _rms_distance(thin.p):
         return f"{no_hinge}. A ball joint: one point stays in both bodies to {off:.2g} m rms."
     return f"{no_hinge}, and no point stays in both bodies either."
 
@@ -283,7 +283,8 @@ def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
     return float(min(np.sqrt(weights @ (off * off)), 1.0)) if mean < 1 else 0.0
 
 
-def _length(p: Float64Array) -> float:
+def _rms_distance(p: Float64Array) -> float:
+    """Return the rms length of vectors p (3, N)."""
     return float(np.sqrt((p * p).sum() / max(p.shape[1], 1)))
 
 
@@ -296,7 +297,9 @@ class BodyPoses(NamedTuple):
     S2: NDArray[np.floating]
 
     def changed(self, bodies: str, letter: str, change: Callable[..., Any]) -> BodyPoses:
-        """Return the poses with the positions, or the attitudes, of some bodies changed."""
+        """Return the poses with the array R or S (`letter`) of the bodies "1", "2" or "12" replaced by `change` of
+        that array.
+        """
         return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
 
     def misfit(self) -> float:
@@ -304,7 +307,7 @@ class BodyPoses(NamedTuple):
         plus the ratio of the median gap at the hinge point to the rms distance of the bodies.
         """
         poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
-        distance = _length(poses.p)
+        distance = _rms_distance(poses.p)
         _, seen = next(iterate_residuals(poses, closed_form_hinge(poses)))
         tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))
         return float(tilt + gap / max(distance, 1e-300))

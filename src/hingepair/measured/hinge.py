@@ -45,14 +45,17 @@ class Hinge(NamedTuple):
         return self._replace(n=sign * self.n, m=sign * self.m)
 
     def balanced(self) -> Hinge:
-        """Return the hinge with the point of its axis that is as near to one body as to the other."""
-        return self._slid(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
+        """Return the hinge with the point of its axis that is equally far along the axis from both bodies'
+        reference points.
+        """
+        return self._with_shifted_point(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
 
     def in_gauge(self, gauge: str) -> Hinge:
         """Return the hinge with the point of its axis that the gauge names."""
-        return self._slid(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
+        return self._with_shifted_point(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
 
-    def _slid(self, slide: float) -> Hinge:
+    def _with_shifted_point(self, slide: float) -> Hinge:
+        """Return the hinge with its point shifted along the axis [m]."""
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
@@ -66,7 +69,9 @@ class Hinge(NamedTuple):
 
 
 def sign_of(n: Float64Array) -> float:
-    """Return the sign of the first component that is at least 0.45 times as large as the largest."""
+    """Return the sign (1 or -1) of the first component of n that is at least 0.45 times as large as the largest
+    one.
+    """
     return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_COMPONENT_TO_LARGEST * np.abs(n).max())] > 0 else -1.0
 
 
@@ -87,7 +92,7 @@ def frame(axis: Float64Array) -> Float64Array:
 
 
 def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """Return a unit vector after a step across it, in the axes of `frame`."""
+    """Return the unit vector after a step (2) [rad] across it, given in the first two axes of `frame`."""
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
 
@@ -155,6 +160,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the axis from body 1's `frame` to that of body 2, at psi = 0."""
+    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to that of m in body 2, at psi =
+    0.
+    """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

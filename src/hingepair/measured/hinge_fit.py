@@ -182,7 +182,7 @@ class HingeFit(Shown):
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
         axes.set_xlabel("sample" if self.t is None else "t [s]")
-        figure.suptitle(self._left())
+        figure.suptitle(self._residual_text())
         return figure
 
     def _clock_offset_line(self) -> str:
@@ -196,7 +196,8 @@ class HingeFit(Shown):
         order = "later" if offset > 0 else "earlier"
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
-    def _left(self) -> str:
+    def _residual_text(self) -> str:
+        """Return the rms residuals as text."""
         if np.isnan(self.rms_angle):
             return f"left: {1e3 * self.rms_position:.3g} mm rms"
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
@@ -213,7 +214,7 @@ class HingeFit(Shown):
         else:
             lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
         low, high = np.degrees(self.psi_range)
-        lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._left()}")
+        lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._residual_text()}")
         if self.clock_offset is not None:
             lines.append(self._clock_offset_line())
         if self.encoder is not None:
@@ -228,7 +229,7 @@ class HingeFit(Shown):
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT A HINGE TO RELY ON"))
 
     def __repr__(self) -> str:
-        return f"HingeFit({self.samples} samples, {self._left()}, {'ok' if self.ok else 'not ok'})"
+        return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
 
     def _sheet(self) -> Sheet:
         """Return the table that notebooks show: u1, u2, n and home with standard deviations, and the findings."""
@@ -431,7 +432,7 @@ def _fit_of_point(
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:
         used = np.zeros_like(used)
-        used[clock.rows(fitted.offset)] = True
+        used[clock.body1_rows(fitted.offset)] = True
         moved = BodyMotion(R=clock.body2(fitted.offset).R)
     u1, u2 = fitted.circle.levers(gauge)
     deviations = np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3)
@@ -504,7 +505,7 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
     """
     if samples.t is None or clock_offset == 0:
         return None
-    if ClockedPoses.possible(samples.t, samples.known2):
+    if ClockedPoses.has_enough_samples(samples.t, samples.known2):
         return ClockedPoses(samples, loss)
     if clock_offset is not None:
         expected = f"0, or a body 2 with at least {MIN_PIECE_SAMPLES} samples without a gap, to be moved in time"
@@ -546,7 +547,7 @@ def _estimate(
     estimate, clock = _most_likely(samples, poses, loss, clock_offset)
     if clock is not None:
         poses, used = clock.poses_at(estimate.offset), np.zeros_like(used)
-        used[clock.rows(estimate.offset)] = True
+        used[clock.body1_rows(estimate.offset)] = True
         if clock_offset is not None:
             poses = poses._replace(rates=None)
     return estimate, clock, poses, used

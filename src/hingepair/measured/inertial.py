@@ -38,7 +38,7 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 _MAX_START_TRIAL_SAMPLES = 400  # samples that starts are tried with
 # Number of random starts of a fit.
 _NUM_RANDOM_STARTS = 10
-_MAX_DESCENT_STEPS = 60
+_MAX_DESCENT_STEPS = 60  # of a Levenberg-Marquardt descent
 _MAX_START_TRIAL_STEPS = 12  # of a descent that compares starts
 _NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _KNOWN_BIAS_STD = 1e-9  # standard deviation of a bias that is known to be 0
@@ -159,14 +159,16 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
     axes, rest = _fit_from_starts(
-        _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _turned, starts
+        _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _step_axes_and_biases, starts
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
     if bias > 0 and rest @ rest > (_ROUNDING_RESIDUAL_TO_READING_SIZE * size) ** 2:
         for _ in range(_NUM_BIAS_FIT_ROUNDS):
             prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
-            unknowns, whole = _levenberg_marquardt(_rate_residual_function(w1, w2, prior), _turned, unknowns)
+            unknowns, whole = _levenberg_marquardt(
+                _rate_residual_function(w1, w2, prior), _step_axes_and_biases, unknowns
+            )
             rest = whole[: w1.shape[0]]
     n1, n2, bias1, bias2 = unknowns
     alike = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
@@ -354,7 +356,7 @@ def _point_sentences(
 
 
 def _correlation(rest: Float64Array) -> float:
-    """Return the correlation of residuals with their neighbours; 0 where rounding explains all of them."""
+    """Return the correlation of residuals (N,) with their neighbours; 0 where all residuals are 0."""
     power = float(rest @ rest)
     return float(rest[1:] @ rest[:-1]) / power if power > 0 else 0.0
 
@@ -572,8 +574,8 @@ def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Ar
     return linearise
 
 
-def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
-    """Return both axes after a step across each, and the biases, where there are any, after a step of theirs."""
+def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Array:
+    """Return both axes after a step of two rotations each, followed by the biases, if any, after their steps."""
     there = np.stack([tilt_axis(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
     return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
 
@@ -601,7 +603,7 @@ def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Arr
 
 
 def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Array:
-    """Return the matrix that takes a lever to the acceleration of its end against its foot; (N, 3, 3)."""
+    """Return matrices (N, 3, 3) that convert a lever to the acceleration of its end relative to its start."""
     W = np.asarray(skew(omega), dtype=np.float64)
     return np.asarray(W @ W + skew(alpha), dtype=np.float64)
 

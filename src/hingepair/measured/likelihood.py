@@ -34,7 +34,7 @@ from hingepair.rotations.matrices import rotation_exp
 
 NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
-_MAX_VARIANCE_COMPONENT_SAMPLES = 4096
+_MAX_VARIANCE_COMPONENT_SAMPLES = 4096  # samples that the variance components are estimated from
 _MAX_FISHER_SCORING_STEPS = 25  # of the variance components
 # Least noise of positions, or of the encoder, to the mean squared residual.
 _MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
@@ -47,7 +47,7 @@ MAX_FIRST_STEP_SAMPLES = 16384  # samples that the first steps are taken with
 _MAX_COVARIANCE_SAMPLES = 131072  # about so many samples, in stretches, give the covariance
 _BLOCKS_PER_STRETCH = 16  # blocks of samples that follow each other
 _MIN_NUM_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
-_MAX_GAUSS_NEWTON_STEPS = 40
+_MAX_GAUSS_NEWTON_STEPS = 40  # of a fit
 _MAX_AXIS_TURN_OR_OFFSET_STEP = 0.3  # [rad]; of the clock offset, times the nominal turn rate
 _MAX_CONVERGED_STEP_IN_STDS = 0.02  # below, the steps have converged
 _MAX_PREDICTED_STEP_IN_STDS = 0.1  # likewise of the next step
@@ -173,7 +173,9 @@ class SampleResiduals(NamedTuple):
         return rows
 
     def sizes(self, noise: Noise) -> Float64Array:
-        """Return r^T C^-1 r, about 5 where noise is as supposed, with an encoder 6; shape (M,)."""
+        """Return the whitened squared residuals r^T C^-1 r (M,): about 5 on average if the noise is right, 6 with
+        an encoder.
+        """
         turns = None if self.turn is None else self.turn[None]
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
@@ -307,7 +309,7 @@ def fit_encoder_line(
     psi, reading, weights = psi[has_reading], poses.encoder[has_reading], poses.weights[has_reading]
     slopes = _encoder_slopes(psi, reading) if previous_line is None else [previous_line.slope, -previous_line.slope]
     lines = [_encoder_line_of_slope(psi, reading, weights, slope) for slope in slopes]
-    return min(lines, key=lambda line: float(np.median(np.abs(_turn(psi, reading, line)))))
+    return min(lines, key=lambda line: float(np.median(np.abs(_encoder_residual(psi, reading, line)))))
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
@@ -342,13 +344,13 @@ def _encoder_line_of_slope(
     """
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
-    rest = _turn(psi, reading, EncoderLine(middle, slope))
+    rest = _encoder_residual(psi, reading, EncoderLine(middle, slope))
     near = np.abs(rest) <= _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL * np.median(np.abs(rest)) + 1e-300
     return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
 
 
-def _turn(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float64Array:
-    """Return psi less what the encoder says, within half a turn; 0 where it says nothing [rad]."""
+def _encoder_residual(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float64Array:
+    """Return psi minus the encoder's angle [rad], within half a turn; 0 where the encoder has no reading."""
     off = np.nan_to_num(psi - line.zero - line.slope * reading)
     return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
 
@@ -473,7 +475,7 @@ def evaluate_hinge(
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         slope = (
             slope
-            + _gram(rows, weights[own])[:-1, :-1]
+            + _weighted_gram_matrix(rows, weights[own])[:-1, :-1]
             + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * (second * given**2)) @ score.T
         )
         scores.append(weights[own] * score)
@@ -554,7 +556,7 @@ def iterate_residuals(
             seen = seen._replace(delayed=delayed)
         if poses.encoder is not None and line is not None:
             reading = poses.encoder[own]
-            seen = seen._replace(reading=reading, turn=_turn(seen.psi, reading, line), slope=line.slope)
+            seen = seen._replace(reading=reading, turn=_encoder_residual(seen.psi, reading, line), slope=line.slope)
         yield own, seen
 
 
@@ -569,7 +571,7 @@ def _normal_equations(
         rows, weights = seen.whitened_rows(noise), poses.weights[own]
         if loss is not None:
             weights = weights * _loss_derivatives(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
-        total = total + _gram(rows, weights)
+        total = total + _weighted_gram_matrix(rows, weights)
     return total[:-1, :-1], total[:-1, -1]
 
 
@@ -582,7 +584,8 @@ def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Fl
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
-def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
+def _weighted_gram_matrix(rows: Float64Array, weights: Float64Array) -> Float64Array:
+    """Return the matrix (k, k) of weighted scalar products between k rows."""
     rows = (rows * np.sqrt(weights)).reshape(rows.shape[0], -1)
     return np.asarray(rows @ rows.T)
 

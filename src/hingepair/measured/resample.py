@@ -147,7 +147,7 @@ def interpolated(
     which, before = which[inside], np.searchsorted(t[known_indices], to[inside], side="right") - 1
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
-    between = _rotations_between if rotations else _columns_between
+    between = _interpolated_rotations if rotations else _interpolated_columns
     for count in np.unique(counts):
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
@@ -155,11 +155,11 @@ def interpolated(
     return result
 
 
-def _columns_between(weights: Float64Array, near: Float64Array) -> Float64Array:
+def _interpolated_columns(weights: Float64Array, near: Float64Array) -> Float64Array:
     return np.asarray(np.einsum("ni,ni...->n...", weights, near))
 
 
-def _rotations_between(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
+def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
     """Return rotations (N, 3, 3) interpolated between neighbouring rotations (N, k, 3, 3) with the given weights
     (N, k), in the rotation vectors relative to one neighbour. Where a weight is 1, that neighbour itself is
     returned.

@@ -339,12 +339,12 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return the noise of the samples, and what it leaves in both derivatives, by name."""
+    """Return a dict of the noise of the samples and of the noise that remains in both derivatives."""
     return dict(zip(names, (smoothed.noise, *smoothed.errors[1:].tolist()), strict=True))
 
 
 def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
-    """Return whether the noise of samples is no more than their rounding, so that there is nothing to say of it."""
+    """Return whether the noise of the samples is explained by their rounding."""
     return bool(smoothed.noise <= _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE * float(np.nanmax(np.abs(samples))))
 
 

@@ -66,13 +66,13 @@ _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES = 100.0
 _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MAX_RECORD_PARTS = 16
 """Parts of a record whose residuals are compared."""
-_MIN_RECORD_PART_SAMPLES = 16
+_MIN_RECORD_PART_SAMPLES = 16  # samples of such a part
 # Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
 _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL = 1 / 30
 _MIN_OUTLIER_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
 _NUM_EXTRA_BANDS_FOR_CORRELATION = 2  # by which neighbours that are correlated reach further
 _NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
-_SAMPLES_PER_STRETCH = 4096
+_SAMPLES_PER_STRETCH = 4096  # of a long record
 _NUM_STRETCHES = 8
 """Of long records the bandwidth is chosen on so many stretches."""
 
@@ -93,7 +93,7 @@ class SmoothedColumns(NamedTuple):
 
     @property
     def errors(self) -> Float64Array:
-        """Return the usual standard deviations of values, first and second derivatives; shape (3,)."""
+        """Return the median standard deviations of values, first and second derivatives; shape (3,)."""
         return np.asarray(np.nanmedian(self.deviations, axis=1))
 
 
@@ -258,7 +258,9 @@ def _cross_validated_model(
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Return the parts of a piece without holes, since a spectrum supposes even steps."""
+    """Return a list of index arrays: the parts of a piece without missing samples, since a spectrum needs even
+    steps.
+    """
     steps = np.diff(t[piece])
     return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * np.median(steps)) + 1)
 
@@ -332,7 +334,7 @@ class SmoothingSpline:
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
         widest = max(1 / (_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
-        self.knots = [_continued(own) for own in inner]
+        self.knots = [_extended_knots(own) for own in inner]
         self.ends = np.cumsum([own.size - _SPLINE_DEGREE - 1 for own in self.knots])
         self.basis = block_diag(
             [BSpline.design_matrix(time, own, _SPLINE_DEGREE) for time, own in zip(times, self.knots, strict=True)],
@@ -355,7 +357,7 @@ class SmoothingSpline:
         self._matrix = matrix
 
     def whitened(self, columns: Float64Array) -> Float64Array:
-        """Return columns at the instants of all pieces, weighted, and less what correlation says of each."""
+        """Return columns at the instants of all pieces, whitened for the weights and the correlation of the noise."""
         return columns if self.whitener is None else np.asarray(self.whitener @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
@@ -363,16 +365,16 @@ class SmoothingSpline:
         all pieces one after the other.
         """
         if self.whitener is None:
-            return self._solved(self.basis.T @ columns)
-        return self._solved((self.whitener @ self.basis).T @ (self.whitener @ columns))
+            return self._solve_right_hand_side(self.basis.T @ columns)
+        return self._solve_right_hand_side((self.whitener @ self.basis).T @ (self.whitener @ columns))
 
-    def _solved(self, right: Float64Array) -> Float64Array:
+    def _solve_right_hand_side(self, right: Float64Array) -> Float64Array:
         from scipy.linalg import cho_solve_banded
 
         return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
 
     def fitted(self, coefficients: Float64Array) -> Float64Array:
-        """Return the curves at the instants that they were fitted at."""
+        """Return the curves with the given B-spline coefficients at the instants of the samples."""
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
@@ -386,7 +388,9 @@ class SmoothingSpline:
 
     @functools.cached_property
     def covariances(self) -> Float64Array:
-        """Return entries of the inverse of the matrix that is solved, upper bands: [d, j] is that of j and j + d."""
+        """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] is that of row
+        j, column j + d.
+        """
         return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
@@ -419,7 +423,7 @@ class SmoothingSpline:
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
             (-1.0, 1.0), size
         )
-        return float(((self.normal @ probes) * self._solved(probes)).sum())
+        return float(((self.normal @ probes) * self._solve_right_hand_side(probes)).sum())
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
@@ -489,8 +493,8 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     return inverse
 
 
-def _continued(knots: Float64Array) -> Float64Array:
-    """Return uniform knots with as many more at either end as the degree asks for."""
+def _extended_knots(knots: Float64Array) -> Float64Array:
+    """Return uniform knots extended at both ends by as many knots as the spline degree."""
     more = (knots[1] - knots[0]) * np.arange(1, _SPLINE_DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 

@@ -45,7 +45,9 @@ class Sequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return S from the sines and cosines of the canonical angles (E10)."""
+        """Return the nine entries of the rotation matrix S from the sines and cosines of the canonical angles
+        (E10).
+        """
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
@@ -62,11 +64,13 @@ class Sequence(NamedTuple):
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
     def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
-        """Return the columns of J in world axes, in the order of the letters."""
+        """Return the three columns of J in world axes, in the order of the sequence's letters."""
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return the columns of J' in world axes, from the rates in the order of the letters."""
+        """Return the three columns of J' in world axes; the rates phid and the columns are in the order of the
+        letters.
+        """
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
@@ -76,7 +80,7 @@ class Sequence(NamedTuple):
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
     def vector(self, canonical: eq.Vector) -> eq.Vector:
-        """Return an angular velocity or acceleration in world axes, from canonical axes."""
+        """Return an angular velocity or acceleration converted from canonical axes to world axes."""
         x, y, z = (canonical[i] for i in self.place)
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
@@ -112,6 +116,8 @@ def _cached_sequence(name: str) -> Sequence:
 
 
 def nine(entries: Any) -> eq.Matrix:
-    """Return an iterable of nine entries as a matrix, a tuple."""
+    """Return nine entries from an iterable as a tuple, which stands for a matrix row by row; ValueError if there
+    are not nine.
+    """
     a, b, c, d, e, f, g, h, i = entries
     return a, b, c, d, e, f, g, h, i
