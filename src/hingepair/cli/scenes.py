@@ -30,7 +30,7 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant_text, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import RESULT_SUFFIXES, check_ending, column_names, result_file
-from hingepair.scenes.mechanisms.forces import load_rows
+from hingepair.scenes.mechanisms.forces import joint_load_table_rows
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
 from hingepair.validation.cross_validate import cross_validate
@@ -220,7 +220,7 @@ def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path
     screen = make_console()
     _print_heading(screen, scene)
     _print_gravity(screen, result.gravity)
-    print_component_table(screen, load_rows(result.loads))
+    print_component_table(screen, joint_load_table_rows(result.loads))
     print_component_table(screen, _component_rows(base))
     _print_notes(screen, notes, out)
 

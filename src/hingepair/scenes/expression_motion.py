@@ -21,7 +21,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates
-from hingepair.scenes.motion import Motion, turns_about
+from hingepair.scenes.motion import Motion, euler_axes_phrase
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_WAY_POINTS, WAY_POINT_PROFILE_NAMES, WayPoints, interpolate_way_points
 from hingepair.symbolic.exact_constants import exact
@@ -137,7 +137,7 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     names = PLANAR_COORDINATE_NAMES if planar else COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names, () if planar else ("file", "omega1"))
     t = read_instants(time)
-    how = turns_about(sequence) if sequence else "in the plane z = 0"
+    how = euler_axes_phrase(sequence) if sequence else "in the plane z = 0"
     given = MotionByFunctions(t, functions, sequence)
     return Motion(t, given, "coordinates as expressions in t", how, functions=(functions,))
 

@@ -20,7 +20,7 @@ from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
 from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_TO_RMS, LogNoise, finite_rms, noise_rows
-from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
+from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
 from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
@@ -91,7 +91,7 @@ def pair_scene_forces(
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
-    if motion.derived is not None and len(t) > FINITE_DIFFERENCE_ORDER:
+    if motion.derived is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
         noise, sentence = _force_noise(pair, t, known_motion, motion.derived, fall, arrays)
         notes.append(sentence)
     record = t, _plane_components(arrays) if flat else arrays, f"forces: {title}", files
@@ -177,9 +177,9 @@ def _force_noise(
     `force_arrays`.
     """
     rows = noise_rows(len(t))
-    log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ORDER)
+    log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ACCURACY_ORDER)
     noisy = _required_forces(pair, log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
-    inside, sizes = slice(FINITE_DIFFERENCE_ORDER // 2, -(FINITE_DIFFERENCE_ORDER // 2)), log.sizes
+    inside, sizes = slice(FINITE_DIFFERENCE_ACCURACY_ORDER // 2, -(FINITE_DIFFERENCE_ACCURACY_ORDER // 2)), log.sizes
     changes = {name: (own - force_arrays[name][rows])[inside] for name, own in noisy.items()}
     noise = {name: finite_rms(change) for name, change in changes.items()}
     torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))

@@ -34,7 +34,7 @@ def integrate_motion(
     tol: float | None = None,
     *,
     planar: bool = False,
-    **notes: Any,
+    **motion_fields: Any,
 ) -> Motion:
     """Integrate the angular velocity of body 1 and the hinge rate over t (E12; in the plane E11) and return the
     Motion. The start values and the method are read from `table`. Raise a SceneError for bad values or a missed
@@ -47,7 +47,7 @@ def integrate_motion(
         arrays: R1, v1, omega1 and psid at t by name; also a1, alpha1 and psidd where these are known.
         tol: error to aim at [rad]. A SceneError is raised if it is missed and the table has the key `tol`.
         planar: whether the motion is in the plane.
-        notes: further fields of the Motion, such as functions, hint and notes.
+        **motion_fields: further fields of the Motion by name, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
     method = table.choice("method", tuple(STEP_RULES) if planar else METHOD_NAMES)
@@ -78,4 +78,4 @@ def integrate_motion(
             }
         source = motion_by_body1(arrays)
     how, doubt = f"omega1 and psi' integrated by {method}", "too few samples to tell how far the integration is off"
-    return Motion(read_only(t), source, "integrated from rates", how, {"rad": error}, doubt, **notes)
+    return Motion(read_only(t), source, "integrated from rates", how, {"rad": error}, doubt, **motion_fields)

@@ -125,7 +125,7 @@ class LogNoise:
             if slopes and not {name, name.partition("_")[0]}.isdisjoint(self._derived):
                 noise.append(slopes.pop(0))
                 continue
-            residuals = local_fit_residuals(self._t, samples, _turned_from if name == "S1" else None)
+            residuals = local_fit_residuals(self._t, samples, _rotation_vectors_from if name == "S1" else None)
             finite = np.isfinite(residuals).all(axis=1)
             deviations = (
                 np.sqrt(np.mean(residuals[finite] ** 2, axis=0)) if finite.any() else np.zeros(samples.shape[1])
@@ -153,7 +153,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     """
     rows = noise_rows(t.size)
     t, samples = t[rows] - t[rows.start], samples[rows]
-    residuals = local_fit_residuals(t, samples, _turned_from if samples.ndim == 3 else None)
+    residuals = local_fit_residuals(t, samples, _rotation_vectors_from if samples.ndim == 3 else None)
     if not residuals.size:
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(residuals**2)))
@@ -164,7 +164,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     return size * first, size * second
 
 
-def _turned_from(S: Float64Array, reference: Float64Array) -> Float64Array:
+def _rotation_vectors_from(S: Float64Array, reference: Float64Array) -> Float64Array:
     """Return the rotation vectors that turn reference attitudes into the attitudes S, world axes [rad]; shape (...,
     3).
     """

@@ -37,13 +37,13 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.log_noise import derivative_noise
-from hingepair.scenes.motion import Motion, PairMotionSource, turns_about
+from hingepair.scenes.motion import Motion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.tables import NamedSource, Table
 
-FINITE_DIFFERENCE_ORDER: Final = 6
+FINITE_DIFFERENCE_ACCURACY_ORDER: Final = 6
 """Order of the error of derivatives by finite differences, in the step between samples."""
 
-COLUMNS_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
+COLUMN_NAMES_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
@@ -52,7 +52,7 @@ COLUMNS_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
 }
 """Names of the columns of each array that a log may have."""
 PAIR_LOG_COLUMN_NAMES: Final = tuple(
-    dict.fromkeys(("t", *(column for own in COLUMNS_BY_LOG_ARRAY.values() for column in own)))
+    dict.fromkeys(("t", *(column for own in COLUMN_NAMES_BY_LOG_ARRAY.values() for column in own)))
 )
 """Names of all columns that a log of a pair may have: t and the columns of the arrays."""
 
@@ -86,7 +86,7 @@ class LogLayout(NamedTuple):
 
 
 _PAIR_LOG_LAYOUT: Final = LogLayout(
-    COLUMNS_BY_LOG_ARRAY,
+    COLUMN_NAMES_BY_LOG_ARRAY,
     PAIR_LOG_COLUMN_NAMES,
     frozenset({"phi", "psi"}),
     frozenset({*SPATIAL_MOTION.levels, *PLANAR_MOTION.levels}),
@@ -95,9 +95,9 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
 _POSITION_NAMES_BY_ORDER = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE_NAMES_BY_ORDER = ("psi", "psid", "psidd")
+_HINGE_ANGLE_NAMES_BY_ORDER = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_EULER_NAMES_BY_ORDER = ("phi", "phid", "phidd")
+_EULER_ANGLE_NAMES_BY_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION_AND_RATE_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
@@ -157,7 +157,7 @@ def _velocity_frame(table: Table, log: Log) -> str:
     rates = [
         column
         for name in _QUATERNION_AND_RATE_NAMES_BY_ORDER[1:]
-        for column in COLUMNS_BY_LOG_ARRAY[name]
+        for column in COLUMN_NAMES_BY_LOG_ARRAY[name]
         if column in log.columns
     ]
     if "frame" in table.values and not rates:
@@ -209,7 +209,7 @@ class Log(NamedSource):
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps, FINITE_DIFFERENCE_ORDER if completed else 0)
+            t = instants_of("t", stamps, FINITE_DIFFERENCE_ACCURACY_ORDER if completed else 0)
             late = kind == ".csv" and abs(t[0]) > _MIN_INSTANT_READ_AS_LONG_DOUBLE
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
@@ -305,16 +305,18 @@ class Log(NamedSource):
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
             S = self.rotations(array)
-            with self.naming(", ".join(COLUMNS_BY_LOG_ARRAY[name])):
-                omega, alpha = angular_velocity_from_samples(self.since, S, FINITE_DIFFERENCE_ORDER, with_alpha=True)
-            noises = derivative_noise(self.since, S, FINITE_DIFFERENCE_ORDER)
+            with self.naming(", ".join(COLUMN_NAMES_BY_LOG_ARRAY[name])):
+                omega, alpha = angular_velocity_from_samples(
+                    self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER, with_alpha=True
+                )
+            noises = derivative_noise(self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER)
             return (np.asarray(omega), np.asarray(alpha)), noises
         columns = list(array.T)
         if name in self.layout.angles:
             named = zip(self.layout.columns_of(name), columns, strict=True)
             columns = [self._unwrap_angles(*own) for own in named]
-        derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ORDER) for column in columns]
-        noises = derivative_noise(self.since, np.stack(columns, axis=-1), FINITE_DIFFERENCE_ORDER)
+        derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ACCURACY_ORDER) for column in columns]
+        noises = derivative_noise(self.since, np.stack(columns, axis=-1), FINITE_DIFFERENCE_ACCURACY_ORDER)
         first, second = (np.stack(own, axis=-1) for own in zip(*derivatives, strict=True))
         return (first, second), noises
 
@@ -376,16 +378,17 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     if attitude is _QUATERNION_AND_RATE_NAMES_BY_ORDER and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {
-        names: log.quantity_and_rates(names) for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
+        names: log.quantity_and_rates(names)
+        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
-    for name in (*(COLUMNS_BY_LOG_ARRAY["phi"] if attitude is _EULER_NAMES_BY_ORDER else ()), "psi"):
+    for name in (*(COLUMN_NAMES_BY_LOG_ARRAY["phi"] if attitude is _EULER_ANGLE_NAMES_BY_ORDER else ()), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
-    if attitude is _EULER_NAMES_BY_ORDER:
-        rows = tuple(_seven([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
-        source, how = MotionByCoordinates(log.t.size, rows, sequence), turns_about(sequence)
+    if attitude is _EULER_ANGLE_NAMES_BY_ORDER:
+        rows = tuple(_seven_coordinates([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
+        source, how = MotionByCoordinates(log.t.size, rows, sequence), euler_axes_phrase(sequence)
     else:
         arrays = {name: array for part in parts.values() for name, array in part.items()}
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
@@ -410,8 +413,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "t",
         *(
             column
-            for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
-            for column in COLUMNS_BY_LOG_ARRAY.get(names[0], names[:1])
+            for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
+            for column in COLUMN_NAMES_BY_LOG_ARRAY.get(names[0], names[:1])
         ),
     }
     for column in log.columns:
@@ -419,12 +422,14 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
-    table.check_keys(("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_NAMES_BY_ORDER else ())))
+    table.check_keys(
+        ("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_ANGLE_NAMES_BY_ORDER else ()))
+    )
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
-        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_NAMES_BY_ORDER)
+        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
     )
-    if attitude is _EULER_NAMES_BY_ORDER:
+    if attitude is _EULER_ANGLE_NAMES_BY_ORDER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
@@ -432,7 +437,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         warnings.simplefilter("always", MeasurementWarning)
         body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in _HINGE_NAMES_BY_ORDER}
+    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_NAMES_BY_ORDER}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -459,7 +464,7 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     """Return the Motion found by integrating the log's omega1 and psi' (E12). Raise a SceneError for columns other
     than those of rates and R1, and for rates that are not finite.
     """
-    rates = (_QUATERNION_AND_RATE_NAMES_BY_ORDER[1:], _HINGE_NAMES_BY_ORDER[1:])
+    rates = (_QUATERNION_AND_RATE_NAMES_BY_ORDER[1:], _HINGE_ANGLE_NAMES_BY_ORDER[1:])
     quantities = (name for names in (_POSITION_NAMES_BY_ORDER, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
@@ -471,7 +476,9 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
         log.check_finite(name, array, "integrated")
     position = log.quantity_and_rates(
         _POSITION_NAMES_BY_ORDER,
-        required=any(column in log.columns for column in (*COLUMNS_BY_LOG_ARRAY["v1"], *COLUMNS_BY_LOG_ARRAY["a1"])),
+        required=any(
+            column in log.columns for column in (*COLUMN_NAMES_BY_LOG_ARRAY["v1"], *COLUMN_NAMES_BY_LOG_ARRAY["a1"])
+        ),
     )
     if not position:
         position = dict.fromkeys(_POSITION_NAMES_BY_ORDER, np.zeros((log.t.size, 3)))
@@ -495,19 +502,19 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
     """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions. Raise a
     SceneError if the log has both or neither.
     """
-    euler = any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["phi"])
+    euler = any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["phi"])
     attitude_names, other_names = (
-        (_EULER_NAMES_BY_ORDER, _QUATERNION_AND_RATE_NAMES_BY_ORDER)
+        (_EULER_ANGLE_NAMES_BY_ORDER, _QUATERNION_AND_RATE_NAMES_BY_ORDER)
         if euler
-        else (_QUATERNION_AND_RATE_NAMES_BY_ORDER, _EULER_NAMES_BY_ORDER)
+        else (_QUATERNION_AND_RATE_NAMES_BY_ORDER, _EULER_ANGLE_NAMES_BY_ORDER)
     )
-    if not euler and not any(column in log.columns for column in COLUMNS_BY_LOG_ARRAY["quat_xyzw"]):
+    if not euler and not any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
-    for column in (column for name in other_names for column in COLUMNS_BY_LOG_ARRAY[name]):
+    for column in (column for name in other_names for column in COLUMN_NAMES_BY_LOG_ARRAY[name]):
         if column in log.columns:
             log.refuse(
-                column, f"nothing of this kind beside {COLUMNS_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
+                column, f"nothing of this kind beside {COLUMN_NAMES_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
             )
     return attitude_names
 
@@ -525,7 +532,7 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
     return level
 
 
-def _seven(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
+def _seven_coordinates(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
     """Return the seven coordinates of position, Euler angles and psi as a tuple of arrays (N,); a coordinate that
     never changes is one float.
     """

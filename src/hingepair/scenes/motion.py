@@ -169,7 +169,7 @@ def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
         yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
 
 
-def turns_about(sequence: str) -> str:
+def euler_axes_phrase(sequence: str) -> str:
     """Return a phrase for reports that names the axes of the Euler angles of body 1, from letters such as XYZ."""
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"
 

@@ -156,9 +156,9 @@ def pair_expressions(
     return written
 
 
-def construct_from_table(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
-    """Call `make` with the values as keyword arguments and return its result. Convert an ArgumentError into a
+def construct_from_table(table: Table, factory: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:
+    """Call `factory` with the keyword arguments and return its result. Convert an ArgumentError into a
     SceneError that names the table's key.
     """
     with table.naming():
-        return make(**values)
+        return factory(**arguments)

@@ -54,16 +54,16 @@ class NamedSource:
         raise SceneError(self.label(key), expected, got) from None
 
     @contextlib.contextmanager
-    def naming(self, key: str = "", **keys: str) -> Iterator[None]:
+    def naming(self, key: str = "", **key_by_argument: str) -> Iterator[None]:
         """Return a context manager that converts an ArgumentError raised in its block into a SceneError with the
-        file, the table and a key: keys[argument name], else `key`, else the name of the argument.
+        file, the table and a key: key_by_argument[argument], else `key`, else the name of the argument.
         """
         try:
             yield
         except SceneError:
             raise
         except ArgumentError as error:
-            label = self.label(keys.get(error.name) or key or error.name)
+            label = self.label(key_by_argument.get(error.name) or key or error.name)
             named = SceneError(label, error.expected, error.got)
             named.args = (label + str(error).removeprefix(error.name),)
             for note in getattr(error, "__notes__", ()):
@@ -85,12 +85,12 @@ class Table(NamedSource):
     values: dict[str, Any]
     constants: Mapping[str, Any]
 
-    def read(self, keys: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """Return a dict of the values of those `keys` that the table has or that are `required`, each read by its
-        function. Raise a SceneError for any other key of the table.
+    def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
+        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are `required`, each
+        read by its function. Raise a SceneError for any other key of the table.
         """
-        self.check_keys(keys)
-        return {key: read(self, key) for key, read in keys.items() if key in self.values or key in required}
+        self.check_keys(reader_by_key)
+        return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
 
     def check_keys(self, known_keys: Collection[str]) -> None:
         """Raise a SceneError if the table has a key outside `known_keys`. The message suggests the nearest
@@ -175,17 +175,17 @@ class Table(NamedSource):
         """
         from hingepair.symbolic.exact_constants import exact
 
-        def exactly(value: Any, number: Any) -> Any:
+        def to_exact(value: Any, number: Any) -> Any:
             """Return a text or a number as an exact SymPy expression, or nested lists of them as nested lists of
             expressions. `number` is the float, or nested list of floats, that equals `value`.
             """
             if isinstance(value, list):
-                return [exactly(*both) for both in zip(value, number, strict=True)]
+                return [to_exact(*both) for both in zip(value, number, strict=True)]
             return (
                 self._constant_expression(key, value, symbolic_constants) if isinstance(value, str) else exact(number)
             )
 
-        return exactly(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
+        return to_exact(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three rows of three floats; exact entries are rounded once. Raise

@@ -23,7 +23,13 @@ import sympy
 
 from hingepair.errors import ArgumentError, line_with_caret, nearest
 from hingepair.symbolic.exact_constants import exact, unnested
-from hingepair.symbolic.jets import MAX_NUMBER_BITS, SMOOTH_FUNCTION_NAMES, SYMPY_ERROR_TYPES, bit_length, time_symbol
+from hingepair.symbolic.jets import (
+    MAX_EXACT_NUMBER_BITS,
+    SMOOTH_FUNCTION_NAMES,
+    SYMPY_ERROR_TYPES,
+    bit_length,
+    time_symbol,
+)
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
 
 MAX_EXPRESSION_CHARACTERS: Final = 10_000
@@ -371,8 +377,8 @@ class _ExpressionBuilder:
         for part in (expr, *expr.args):
             if part.is_Pow:
                 self._check_power(node, part.base, part.exp)
-        if expr.is_Rational and bit_length(expr) > MAX_NUMBER_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_NUMBER_BITS} bits")
+        if expr.is_Rational and bit_length(expr) > MAX_EXACT_NUMBER_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_EXACT_NUMBER_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
@@ -384,8 +390,8 @@ class _ExpressionBuilder:
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
-        if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_NUMBER_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_NUMBER_BITS} bits")
+        if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_EXACT_NUMBER_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_EXACT_NUMBER_BITS} bits")
 
     def _count_node(self, node: ast.expr, depth: int = 0) -> None:
         """Increase the number of syntax nodes by one. Raise an ArgumentError if there are too many nodes or `depth`

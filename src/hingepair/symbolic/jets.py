@@ -29,7 +29,7 @@ SYMPY_ERROR_TYPES: Final = (
 )
 """Errors that SymPy raises on unusual but harmless expressions, such as asin(cos(1e300))."""
 
-MAX_NUMBER_BITS: Final = 4_096
+MAX_EXACT_NUMBER_BITS: Final = 4_096
 """Largest number of bits of the numerator and of the denominator of an exact number."""
 
 SMOOTH_FUNCTION_NAMES: Final = (
@@ -148,19 +148,19 @@ class DerivativeProgram:
                 guard, x, y = expr.guard, *argument_derivatives[-2:]
             case _:
                 return self._differentiate(value, argument_derivatives)
-        side = self._side(guard)
+        side = self._name_sign_step(guard)
         self.switches.append(side)
         # Derivatives from the right.
         return self._name_step(value), *(self._name_step(Where(side, x[k], y[k])) for k in (1, 2))
 
-    def _side(self, guard: Expr) -> Expr:
+    def _name_sign_step(self, guard: Expr) -> Expr:
         """Return the symbol of a step whose value is 1 or -1: the sign of a guard just after t. The step is added at
         first use.
         """
         if guard not in self._sides:
             match guard:
                 case Choice():
-                    side = guard.func(*map(self._side, guard.args))
+                    side = guard.func(*map(self._name_sign_step, guard.args))
                 case sympy.Number():
                     side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne
                 case _:
@@ -185,13 +185,13 @@ class DerivativeProgram:
         for u, (ud, udd) in parts.items():
             slope = expr.diff(u)
             _check_real(slope)
-            first += self._share(slope) * ud
-            second += self._share(slope) * udd
+            first += self._name_functions(slope) * ud
+            second += self._name_functions(slope) * udd
             for v, (vd, _) in parts.items():
-                second += self._share(slope.diff(v)) * ud * vd
+                second += self._name_functions(slope.diff(v)) * ud * vd
         return value, self._name_step(first), self._name_step(second)
 
-    def _share(self, expr: Expr) -> Expr:
+    def _name_functions(self, expr: Expr) -> Expr:
         """Return an expression in which innermost functions are replaced by the symbols of steps, since f, f' and f''
         often share them. The steps are added.
         """
@@ -222,7 +222,7 @@ def _check_real(expr: Expr) -> None:
     """Raise NotRealError unless NumPy can evaluate an expression in real, finite numbers."""
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
-    if any(bit_length(number) > MAX_NUMBER_BITS for number in expr.atoms(sympy.Rational)):
+    if any(bit_length(number) > MAX_EXACT_NUMBER_BITS for number in expr.atoms(sympy.Rational)):
         raise NotRealError("a number of too many digits")
     if not all(math.isfinite(constant_value(constant)) for constant in _constant_parts(expr)):
         raise NotRealError("a number that is not real or past the range of floats")

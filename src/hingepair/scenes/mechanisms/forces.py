@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
 from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_TO_RMS, LogNoise, finite_rms, noise_rows
-from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ORDER
+from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
 from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_ORDER, KnownJointMotion
 from hingepair.scenes.motion import non_finite_sentences
 
@@ -105,7 +105,7 @@ class MechanismSceneForces(Record):
         self.notes = notes
 
     def _sheet(self) -> Sheet:
-        return Sheet(f"{self.described}: {len(self.t)} instants", load_rows(self.loads), self.notes)
+        return Sheet(f"{self.described}: {len(self.t)} instants", joint_load_table_rows(self.loads), self.notes)
 
 
 class JointLogNoise(NamedTuple):
@@ -138,7 +138,7 @@ class JointLogNoise(NamedTuple):
             The standard deviations, shape (dof,), and the note.
         """
         rows = noise_rows(len(self.t))
-        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, FINITE_DIFFERENCE_ORDER)
+        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, FINITE_DIFFERENCE_ACCURACY_ORDER)
         derivatives = [list(values) for values in self.middle.derivatives]
         units: dict[str, str] = {}
         for column, joint in enumerate(self.robot.tree.coordinates):
@@ -154,7 +154,7 @@ class JointLogNoise(NamedTuple):
         base = self.middle.base
         acting = self.robot.inverse_dynamics(*noisy.arguments(), gravity=gravity, base_motion=base, outputs=("tau",))
         change = (np.asarray(acting.tau, np.float64) - tau[rows])[
-            FINITE_DIFFERENCE_ORDER // 2 : -(FINITE_DIFFERENCE_ORDER // 2)
+            FINITE_DIFFERENCE_ACCURACY_ORDER // 2 : -(FINITE_DIFFERENCE_ACCURACY_ORDER // 2)
         ]
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
@@ -187,7 +187,7 @@ def mechanism_scene_forces(
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, sentences = np.full(robot.dof, math.nan), list(non_finite_sentences(arrays))
-    if noise is not None and len(t) > FINITE_DIFFERENCE_ORDER:
+    if noise is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
         deviations, sentence = noise.torque_deviations(gravity, tau)
         sentences.append(sentence)
     loads = tuple(
@@ -198,7 +198,7 @@ def mechanism_scene_forces(
     return MechanismSceneForces(arrays=arrays, tau=tau, gravity=gravity, loads=loads, notes=notes, **record)
 
 
-def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
+def joint_load_table_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     """Return the rows of the table of joint loads as a list of tuples of texts, headings first. An infinite limit is
     an empty cell.
     """

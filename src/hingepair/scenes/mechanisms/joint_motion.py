@@ -259,7 +259,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     moving = _moving_joints(motion, robot)
     functions = read_functions(motion, moving)
     t = read_instants(tables.table("time"))
-    source = JointFunctions(t, functions, _rests(robot), robot.names)
+    source = JointFunctions(t, functions, _rest_positions(robot), robot.names)
     return JointMotion(t, source, base, moving, "functions of t", functions=(functions, *base_functions))
 
 
@@ -323,7 +323,7 @@ def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
     motion.refuse(key, expected + nearest(key, known_keys), f"{quoted(key)}, which is no joint of {robot.name}")
 
 
-def _rests(robot: Mechanism) -> dict[str, float]:
+def _rest_positions(robot: Mechanism) -> dict[str, float]:
     """Return the rest position of each joint [rad or m] by name: 0, or the limit closest to 0 if 0 is outside the
     limits.
     """
@@ -363,9 +363,9 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     derived = tuple(
         joint + rate for joint in parts for rate in JOINT_COLUMN_SUFFIXES_BY_ORDER[1:] if joint + rate in log.derived
     )
-    rests = _rests(robot)
+    rests = _rest_positions(robot)
     rows = tuple(
-        tuple(_plain(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
+        tuple(_float_if_constant(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
         for k in range(level + 1)
     )
     notes = [*log.notes, *filter(None, [log.unknown_error_note()])]
@@ -387,7 +387,7 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     return LogLayout(arrays, columns, angles, results, written)
 
 
-def _plain(column: Float64Array) -> float | Float64Array:
+def _float_if_constant(column: Float64Array) -> float | Float64Array:
     """Return a column of an array as it is, or as one float if all its values are equal."""
     column = np.ascontiguousarray(column)
     return float(column[0]) if (column == column[0]).all() else column
