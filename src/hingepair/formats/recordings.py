@@ -175,8 +175,8 @@ def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
 
 def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> BodyMotion:
     """Return the poses of body "1" or "2" (`body_digit`) from the columns with a suffix. An attitude is NaN where a
-    part of it is missing or all of it is 0; body 2 without columns of an attitude is a point. Raise an ArgumentError
-    if a column is missing.
+    part of it is missing or all of it is 0; a matrix of few digits is projected to a rotation. Body 2 without columns
+    of an attitude is a point. Raise an ArgumentError if a column is missing.
     """
     R = _stack_columns(path, columns, _position_column_names(suffix))
     if not any(_has_any_column(columns, names) for names in _attitude_column_names(suffix)):

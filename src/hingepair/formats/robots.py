@@ -25,8 +25,8 @@ ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the rob
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return a robot of the package example-robot-data as a Mechanism. Warn of joints that are locked beyond their
-    limits.
+    """Return a robot of the package example-robot-data as a Mechanism. Warn as `Mechanism.from_urdf` does, for
+    example of joints that are locked beyond their limits.
 
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command

@@ -169,7 +169,9 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
 
 
 def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """Convert names to a tuple of unique identifiers for generated code; other characters become underscores."""
+    """Convert names to a tuple of unique identifiers for generated code. Characters that an identifier cannot have
+    become underscores.
+    """
     identifiers: list[str] = []
     for name in names:
         clean = re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -218,7 +220,7 @@ class _MassMoments:
         self.m, self.h, self.N = m, h, N
 
     def add(self, m: Fraction, h: Exact, N: Exact) -> None:
-        """Add the mass and the moments of further matter to this object."""
+        """Add the mass and the moments of a further body to this object, in place."""
         self.m += m
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
@@ -247,8 +249,8 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Compute the moments of a payload, in the program's axes, from its ten mass properties in a frame at R, S in the
-    body's axes.
+    """Compute the exact moments of a payload in the program's axes, from its ten mass properties (mass, first and
+    second moment) in a frame. R and S are the position and rotation of this frame in the body's axes.
     """
     m, h = properties[0], _matrix_times_vector(S, properties[1:4])
     xx, xy, xz, yy, yz, zz = properties[4:]

@@ -88,7 +88,9 @@ class RobotComputation:
         self._calls: dict[Any, Call] = {}
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
-        """Return all inputs by name; by default the base rests and no load acts."""
+        """Return a dict of all inputs of the program by name. Inputs without a value are those of a base at rest and
+        of no loads.
+        """
         assumed = {
             **RESTING_BASE_VALUE_BY_INPUT,
             **ZERO_BASE_LOAD_BY_INPUT,

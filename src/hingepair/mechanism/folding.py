@@ -210,7 +210,9 @@ def _tree_joint(
     body_numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
 ) -> Joint:
-    """Return a moving part as a joint of the tree; `carrier_pose` is the pose of the carrying part in its body."""
+    """Return a moving part as a Joint of the tree, with the mass properties of its body; `carrier_pose` is the pose
+    of the carrying part in its body. Raise an ArgumentError if its position overflows.
+    """
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
     return Joint(
@@ -233,7 +235,7 @@ def _links_and_frames(
     parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
     """Return two dicts of frames by name: the frames of links, and the further frames (of fixed and locked joints,
-    and those that the parts list).
+    and those that the parts list). Raise an ArgumentError if a position overflows.
     """
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
@@ -252,15 +254,17 @@ def _links_and_frames(
 
 
 def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
-    """Return the frame of a pose in a body; raise an ArgumentError that names the label where numbers overflowed."""
+    """Return a pose in a body as a Frame; raise an ArgumentError, which begins with the label, if its numbers are not
+    finite.
+    """
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")
     return Frame(body_number, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the sum of the mass properties of links, given by name, as those of one body. Raise an ArgumentError
-    where the sum overflows.
+    """Return the sum of the mass properties of rigidly joined links, which are given by name, as MassProperties of
+    one body. Raise an ArgumentError if the sum overflows.
     """
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
@@ -275,7 +279,9 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
 
 
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
-    """Return a sentence that names links whose summed mass properties no rigid body has; "" if a body has them."""
+    """Return a sentence that names the links of a body whose mass properties no rigid body can have; "" if a rigid
+    body can have them.
+    """
     reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
     if not reason:

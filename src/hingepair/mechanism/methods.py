@@ -209,7 +209,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the part of a frame's acceleration that velocities cause, shape (..., 6): bias in (a, alpha) =
-        J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias.
+        J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias. The array `out` is written in
+        place.
 
         J is the result of `jacobian`; a is the classical acceleration of the frame's origin, and all vectors are in
         world axes. If the base is "fixed", the bias also holds the velocities and accelerations of `base_motion`.
@@ -381,7 +382,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Samples with a singular
-        mass matrix are NaN, and a warning says so. Arrays in `out` are written in place.
+        mass matrix are NaN, and a warning says so. Arrays in `out` are written in place. Warn once of masses that are
+        assumed or that no rigid body can have.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -434,7 +436,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4); shape (..., dof, dof). For a free base, compute M
-        in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof).
+        in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array `out` is
+        written in place.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -458,14 +461,13 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3), shape (..., dof): bias_forces in tau =
-        mass_matrix @ qdd + bias_forces.
+        """Compute the generalized forces at zero acceleration (T1-T3), shape (..., dof), for a free base
+        (..., 6 + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place.
 
-        They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau), of shape
-        (..., 6 + dof): force on the base at R1 and torque about R1 in world axes, then the joints. Of `base_motion`,
-        only S and omega are used, for a "fixed" base also a and alpha. `gravity` is the acceleration of free fall,
-        world axes [m/s^2], shape (3,); `qd` are the time derivatives of q; the other arguments are those of
-        `jacobian`.
+        They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau): force on
+        the base at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and
+        omega are used, for a "fixed" base also a and alpha. `gravity` is the acceleration of free fall, world axes
+        [m/s^2], shape (3,); `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -487,11 +489,11 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3); shape (..., dof), for a
-        free base (..., 6 + dof).
+        free base (..., 6 + dof). The array `out` is written in place.
 
         For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
-        then the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The other
-        arguments are those of `jacobian`; of `base_motion`, only S is used.
+        then the forces of the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
+        other arguments are those of `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -512,7 +514,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m]; shape (..., 3). The mass of a "fixed"
-        base is not counted.
+        base is not counted. The array `out` is written in place.
 
         The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
         body is `Body.center_of_mass`.
@@ -534,7 +536,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass, shape (..., 3, dof): the velocity of the centre of mass is
-        J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof).
+        J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof). The array `out` is
+        written in place.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -557,7 +560,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias; shape (..., 3). For a
-        free base, the acceleration is J @ (a1, alpha1, qdd) + bias.
+        free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place.
 
         J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
         `acceleration_bias`, without `frame`.
@@ -784,8 +787,8 @@ class MechanismMethods(Shown):
         return {one: self._named_frame(argument, one) for one in names}
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
-        """Return the frame of a link, a joint or a further frame; raise an error that names the argument if there is
-        none.
+        """Return the frame of a link, a joint or a further frame by its name; raise an ArgumentError, which names the
+        argument, if there is none.
 
         Raises:
             ArgumentError: no such frame.
@@ -797,8 +800,8 @@ class MechanismMethods(Shown):
         return frame
 
     def _frame_or_only_tip(self, frame: str | None) -> str:
-        """Check the argument `frame`, and return the frame's name. For None, return the robot's only last link, or
-        raise an error if branches have several.
+        """Check the argument `frame`, and return the frame's name; for None, the name of the last link of the robot's
+        only branch. Raise an ArgumentError if there are several branches, or the argument is no text.
         """
         if frame is None:
             if len(self.tree.tips) != 1:
@@ -937,7 +940,9 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         labelled_loads: Mapping[str, tuple[Any, str]],
     ) -> Any:
-        """Return the outputs for arguments with Dask arrays, as Dask arrays; nothing is computed yet."""
+        """Return the outputs for arguments with Dask arrays as lazy Dask arrays, which are computed later, chunk by
+        chunk.
+        """
         tails = {
             **dict.fromkeys(coordinates, (computation.form.dof,)),
             "base_motion": SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE,

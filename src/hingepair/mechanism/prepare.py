@@ -47,8 +47,8 @@ class PreparedMechanism:
     returns the results of a method.
 
     Attributes:
-        given: names of the arguments, in order.
-        outputs: names of the outputs.
+        given: names of the arguments, in the order in which the callable takes them.
+        outputs: names of the computed outputs.
     """
 
     def __init__(
@@ -81,30 +81,30 @@ class PreparedMechanism:
 
     @property
     def source(self) -> str:
-        """Generated Python code, which runs where nothing is compiled."""
+        """Generated Python code, which is run if the call is not compiled."""
         return self._call.program.source
 
     @property
     def llvm(self) -> str:
-        """LLVM code of the kernel, which runs for one state and for rows of states."""
+        """LLVM code of the compiled function, which is run for one state and for many states."""
         return self._call.kernel.ir
 
     @property
     def operations(self) -> OperationCounts:
-        """Numbers of operations for each sample, once for all samples, and without known inputs."""
+        """Numbers of operations for each sample, once for all samples, and for each sample if no input were known."""
         return self._computation.count_operations()
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
-        """Return the results for one state or many.
+        """Compute and return the results for one state or many. Arrays in `out` are written in place.
 
         Args:
-            *given: the arguments for which the call was prepared, in order; shape (..., dof), for the base (..., 3)
-                or (..., 3, 3). Coordinates may also be tables or values by joint, as in the methods, which takes
-                longer.
-            out: arrays by output name, written in place; for a call that returns one array, that array.
+            *given: the arguments for which the call was prepared, in order. Coordinates have shape (..., dof),
+                vectors of the base (..., 3), its attitude (..., 3, 3). Coordinates may also be tables or dicts by
+                joint, as in the methods of the robot; such a call takes longer.
+            out: arrays by output name, which are written in place; if the call returns a bare array, one such array.
 
         Raises:
-            ArgumentError: an argument cannot be used; the error names it.
+            ArgumentError: an argument cannot be used; the message names it.
         """
         if out is None:
             try:

@@ -24,8 +24,8 @@ class BodyDrawing(NamedTuple):
 
 
 def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
-    """Return the drawing of a body from pairs (shapes, pose) of its parts. It is empty if a part is drawn by meshes
-    (shapes None), or overflows.
+    """Return the BodyDrawing of a body from pairs (shapes, pose) of its parts. It is empty if a part is drawn by
+    meshes (its shapes are None), or if a position overflows.
     """
     placed: list[Shape] = []
     for shapes, pose in shapes_and_poses:

@@ -32,7 +32,9 @@ _PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
 
 
 class FrameState(Results):
-    """Motion of one frame at every sample; world axes, SI units. Outputs that were not computed are None."""
+    """Motion of one frame at every sample: arrays R, S, d, v, omega, a and alpha in world axes and SI units. Outputs
+    that were not computed are None.
+    """
 
     __slots__ = _DOC_BY_MOTION_OUTPUT
 
@@ -146,7 +148,9 @@ class JointResults(Results):
         return import_data_package("pandas", "to_dataframe").DataFrame(*self._table())
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
-        """Return all samples as rows of an array, None in place of an index, and the names of the columns."""
+        """Return the arguments of a DataFrame: an array with a row for each sample, None for the index, and a list of
+        the names of the columns.
+        """
         arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
         samples = math.prod(self.shape)
         columns: list[str] = []
@@ -158,7 +162,9 @@ class JointResults(Results):
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the values of one sample, or of the largest magnitudes over all samples."""
+        """Return the printed table (title and rows) of the values of one sample, or of the largest magnitudes over
+        all samples.
+        """
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
         table, _, columns = self._table()

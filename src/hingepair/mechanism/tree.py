@@ -48,7 +48,7 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassProperties(Frozen):
-    """Mass properties of one body as given; values that no rigid body can have are kept.
+    """Mass, centre of mass and inertia of one body, as given; values that no rigid body can have are not changed.
 
     Attributes:
         mass: [kg].
@@ -102,7 +102,8 @@ class Joint(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
-    """A frame fixed in a body: that of a link or a fixed joint, or one that the user added.
+    """A frame that is fixed in a body, by its position and rotation: of a link, of a fixed joint, or added by the
+    user.
 
     Attributes:
         body: number of the body; 0 is the base.
@@ -164,7 +165,7 @@ class Tree(Frozen):
         return None
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return a frame by its name; raise an error that names the argument if there is none.
+        """Return a frame by its name; raise an ArgumentError, which names the argument, if there is none.
 
         Raises:
             ArgumentError: there is none; the error names the argument.

@@ -59,7 +59,7 @@ class Visual(NamedTuple):
 
 
 class MimicRecord(NamedTuple):
-    """Rule by which a joint follows another: q = multiplier * q_leader + offset."""
+    """Rule by which a joint follows the joint named `leader`: q = multiplier * q_leader + offset [rad or m]."""
 
     leader: str
     multiplier: float
@@ -214,7 +214,8 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
-    """Record of a URDF: the name of the robot, its links by name, and its joints, in the order of the file.
+    """Record of a URDF: the name of the robot, its links by name, its joints in the order of the file, and the joints
+    at each link.
 
     Attributes:
         name: name of the robot.

@@ -46,8 +46,8 @@ class RobotComparison:
 
     @property
     def ok(self) -> bool:
-        """Whether every compared sample is within the bound, and each sample was compared or has a singular mass
-        matrix.
+        """Whether every compared sample is within the bound. False if no sample was compared, unless the mass matrix
+        is singular at some of the samples that were left out.
         """
         return (self.samples > 0 or self.singular > 0) and self.max_ratio <= self.bound
 

@@ -28,7 +28,7 @@ loads gives, by the base and by whether the motion is in the plane; the hinge's 
 # Where the loads stand in Pinocchio's generalized force.
 _FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
-_DIFFERENCE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
+_FINITE_DIFFERENCE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
 _NEIGHBOUR_COUNT_PER_SIDE: Final = 3  # samples to either side whose slopes are off alike
 # Slopes of the two orders that differ by more, relative to the largest slope, are uncertain.
 _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE: Final = 1e-3
@@ -159,7 +159,8 @@ def compare_rates(
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
         enough = (
-            len(t) > _DIFFERENCE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE * sizes[0]
+            len(t) > _FINITE_DIFFERENCE_ORDERS[0]
+            and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE * sizes[0]
         )
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
@@ -179,7 +180,7 @@ def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> 
     (N,), NaN where the slope is uncertain.
     """
     fine, coarse = (
-        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _DIFFERENCE_ORDERS
+        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _FINITE_DIFFERENCE_ORDERS
     )
     disagreement = np.abs(fine - coarse).max(axis=-1)
     slope_error = np.max(
