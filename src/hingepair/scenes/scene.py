@@ -263,10 +263,8 @@ class Scene(SampledScene):
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
-        """SymPy expressions of the coordinates by name: x, y, z, phi_x, phi_y, phi_z, psi, in the plane x, y, phi,
-        psi. A coordinate that goes through way points is None.
-
-        None for a coordinate that goes through way points.
+        """SymPy expressions of the coordinates by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi,
+        psi). A coordinate that goes through way points is None.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
