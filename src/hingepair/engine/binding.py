@@ -270,8 +270,8 @@ def run_kernel(
     workers: int,
     is_scan: bool = False,
 ) -> None:
-    """Run a kernel, which writes the outputs of all samples into `outputs`. Threads share the samples of the inner
-    axis; in a scan they share the chains.
+    """Run a kernel, which writes the outputs of all samples into `outputs`. At most `workers` threads share the
+    samples of the inner axis; in a scan they share the chains.
 
     Args:
         kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).

@@ -255,8 +255,8 @@ class _InputReader:
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the input's address at an outer sample. In a scan, this is the first of eight
-        chains.
+        """Append the computation of the input's address at an outer sample. In a scan, the outer sample is the first
+        of eight chains.
         """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
@@ -363,8 +363,8 @@ class _OutputWriter:
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the output's address at an outer sample. In a scan, this is the first of eight
-        chains.
+        """Append the computation of the output's address at an outer sample. In a scan, the outer sample is the first
+        of eight chains.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")

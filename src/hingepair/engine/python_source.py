@@ -87,8 +87,8 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
     """
 
     def library_or_float(function: str) -> Callable[..., Any]:
-        """Return a function that calls the library's function of this NumPy name for arrays, and NumPy's function for
-        numbers; the latter returns a float.
+        """Return a function that calls a function of the library for arrays of the library, and NumPy's function for
+        numbers; the latter returns a float. The argument is the function's NumPy name.
         """
         numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[function]
         arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(function, function))

@@ -276,8 +276,8 @@ def scaled_third_rate(axis_components: tuple[Scalar, ...], omega: Vector) -> Sca
 
 
 def euler_rates1(axis_components: tuple[Scalar, ...], omega: Vector, third_rate: Scalar) -> Vector:
-    """Return the Euler-angle rates phi' = J^-1 omega (E4) if the third rate is known. axis_components is the result
-    of `tait_bryan_axes` or `proper_euler_axes`.
+    """Return the Euler-angle rates phi' = J^-1 omega (E4) from omega and the known rate of the third angle.
+    axis_components is the result of `tait_bryan_axes` or `proper_euler_axes`.
 
     The axis b gives phi_y', the rest gives phi_x'.
     """

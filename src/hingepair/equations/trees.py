@@ -183,12 +183,12 @@ Rates: TypeAlias = tuple[Vector, Vector]
 
 
 def body_velocities(
-    links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_rates: Rates
+    links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_velocity: Rates
 ) -> list[Rates]:
-    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). base_rates is (v, omega) of the
-    base.
+    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). base_velocity is (v, omega) of
+    the base.
     """
-    velocities = [base_rates]
+    velocities = [base_velocity]
     for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
         v, omega = velocities[link.parent]
         v = add(v, cross(omega, body.arm))
@@ -203,12 +203,12 @@ def body_accelerations(
     qd: Sequence[Scalar],
     qdd: Sequence[Scalar],
     velocities: Sequence[Rates],
-    base_accelerations: Rates,
+    base_acceleration: Rates,
 ) -> list[Rates]:
     """Return a list of (a, alpha) of all bodies, world axes, the base first (E9); a is the classical acceleration.
-    base_accelerations is (a, alpha) of the base.
+    base_acceleration is (a, alpha) of the base.
     """
-    changes = [base_accelerations]
+    changes = [base_acceleration]
     for link, body, rate, rate_change in zip(links, body_poses[1:], qd, qdd, strict=True):
         (a, alpha), omega = changes[link.parent], velocities[link.parent][1]
         a = add(a, point_acceleration(omega, alpha, body.arm))

@@ -280,7 +280,7 @@ JACOBIAN_AND_BIAS_STEPS = (
 @functools.lru_cache(maxsize=64)
 def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
     """Return a cached tuple of the steps that compute the Jacobian with respect to the rates of the coordinates and
-    its time derivative, for an Euler sequence.
+    its time derivative, for an Euler sequence such as "XYZ". Raises an error if the sequence is unknown.
     """
     euler_sequence = find_sequence(sequence)
     return (
