@@ -396,7 +396,7 @@ FAULTS = {
     ),
     "one step for intervals that are not looked at": Fault(
         "integration/step_selection.py",
-        "part_counts[measured.steps] = 1",
+        "part_counts[step_sample.steps] = 1",
         "part_counts[:] = 1",
         "integration/test_integrate_steps.py::test_intervals_that_are_not_measured_are_divided_like_their_neighbours",
     ),

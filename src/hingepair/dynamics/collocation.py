@@ -77,7 +77,7 @@ def interpolation_matrix(times: Array) -> Array:
 
 _NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
 """From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
-NODE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
+NODE_QUADRATURE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
 _RELATIVE_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack(
     [0.0, (RELATIVE_NODE_TIMES[1:] + RELATIVE_NODE_TIMES[:-1]) / 2, 1.0]
@@ -225,7 +225,7 @@ class Stepper:
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
         self._recent_step_length = max(length, _RECENT_STEP_LENGTH_DECAY_FACTOR * self._recent_step_length)
         self.t = end if is_last else self.t + length
-        self._advance(length * (NODE_WEIGHTS @ node_rates))
+        self._advance(length * (NODE_QUADRATURE_WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
         return piece
 

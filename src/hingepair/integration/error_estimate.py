@@ -36,7 +36,7 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 MAX_MEASURED_STEPS: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
-MIN_EVALUATED_EVEN_STEPS: Final = 509
+MIN_EVEN_STEPS_FOR_CALLABLE_RATES: Final = 509
 """Even steps over the whole time at whose nodes a callable is evaluated, at least, to find what longer steps miss.
 
 A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
@@ -152,9 +152,9 @@ class StepErrors(NamedTuple):
         """Sizes of the errors [rad], zero where rounding explains them; shape (P,)."""
         return np.maximum(errors_above_noise(row_norms(self.errors), self.noise), self.undetected)
 
-    def select(self, chosen: NDArray[Any]) -> StepErrors:
+    def select(self, selection: NDArray[Any]) -> StepErrors:
         """Return the errors of some of the steps, by index or by a mask."""
-        return StepErrors(*(column[chosen] for column in self))
+        return StepErrors(*(column[selection] for column in self))
 
 
 def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
@@ -183,39 +183,39 @@ def estimate_error(
     if not steps.step_count or (isinstance(integral, AngleIntegral) and integral.is_exact):
         return integral.rounding_at_instants(values, 0.0)
     if integral.is_exact:
-        measured = choose_step_sample(steps.t, rule.order)
-        return rounding_error(integral, values, measured, step_rounding(rate, *measured.ends))
+        step_sample = choose_step_sample(steps.t, rule.order)
+        return rounding_error(integral, values, step_sample, step_rounding(rate, *step_sample.ends))
     if measured_errors is None:
-        measured = choose_step_sample(steps.t, rule.order, (rate,))
-        measured_errors = measured, measure_step_errors(integral, *measured.ends, steps.t[-1] - steps.t[0])
-    measured, errors = measured_errors
-    rounding = rounding_error(integral, values, measured, errors.rounding)
+        step_sample = choose_step_sample(steps.t, rule.order, (rate,))
+        measured_errors = step_sample, measure_step_errors(integral, *step_sample.ends, steps.t[-1] - steps.t[0])
+    step_sample, errors = measured_errors
+    rounding = rounding_error(integral, values, step_sample, errors.rounding)
     if not isinstance(rate, SampledSignal):
-        return rounding + accumulate_errors(integral, steps, values, measured, errors).largest_sum()
+        return rounding + accumulate_errors(integral, steps, values, step_sample, errors).largest_sum()
     weights = np.where(
-        errors_above_noise(row_norms(errors.errors), errors.noise) > 0, measured.error_weights(rule.order), 0.0
+        errors_above_noise(row_norms(errors.errors), errors.noise) > 0, step_sample.error_weights(rule.order), 0.0
     )
     at_samples = steps.at_instants(values)
-    between = _sum_by_sample_interval(steps, measured.steps, weights[:, None] * errors.errors)
+    between = _sum_by_sample_interval(steps, step_sample.steps, weights[:, None] * errors.errors)
     missed = largest_interpolation_error(
         rate, between, lambda a, b, e: integral.errors_at_start(at_samples[a + 1 : b + 1], e)
     )
     return rounding + missed
 
 
-def rounding_error(integral: Integral, values: Array, measured: StepSample, rounding: StepRounding) -> float:
+def rounding_error(integral: Integral, values: Array, step_sample: StepSample, rounding: StepRounding) -> float:
     """Return the rounding error of an integral at its worst instant [rad], without the rounding of time stamps.
 
     Args:
         integral: the integral.
         values: attitudes or angles at the ends of the steps.
-        measured: the steps whose rounding is known.
+        step_sample: the steps whose rounding is known.
         rounding: rounding of these steps.
     """
-    size = float((rounding.rate_integral * measured.error_weights(0)).sum())
-    if _is_rate_constant(integral.rate, measured):
+    size = float((rounding.rate_integral * step_sample.error_weights(0)).sum())
+    if _is_rate_constant(integral.rate, step_sample):
         return UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
-    noise = math.sqrt(float((rounding.noise**2 * measured.error_weights(1)).sum()))
+    noise = math.sqrt(float((rounding.noise**2 * step_sample.error_weights(1)).sum()))
     return noise + integral.rounding_at_instants(values, size)
 
 
@@ -245,7 +245,7 @@ class AccumulatedErrors(NamedTuple):
 
 
 def accumulate_errors(
-    integral: Integral, steps: Steps, values: Array, measured: StepSample, errors: StepErrors
+    integral: Integral, steps: Steps, values: Array, step_sample: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
     """Return the errors of the parts for which the measured steps stand, as `AccumulatedErrors`. The errors are
     rotated to the axes of the first instant, where they add up.
@@ -254,27 +254,29 @@ def accumulate_errors(
         integral: the integral.
         steps: its steps.
         values: attitudes or angles at the ends of the steps.
-        measured: the steps whose errors are known.
+        step_sample: the steps whose errors are known.
         errors: their errors.
     """
-    weights = measured.error_weights(integral.rule.order)
-    errors_at_start = integral.errors_at_start(values[measured.steps + 1], errors.errors * weights[:, None])
+    weights = step_sample.error_weights(integral.rule.order)
+    errors_at_start = integral.errors_at_start(values[step_sample.steps + 1], errors.errors * weights[:, None])
     noise, undetected = (
         errors.noise * np.sqrt(weights**2 - weights),
-        errors.undetected * np.sqrt(measured.error_weights(1)),
+        errors.undetected * np.sqrt(step_sample.error_weights(1)),
     )
-    counts_before = None if steps.instant_indices is None else np.searchsorted(measured.steps, steps.instant_indices)
+    counts_before = (
+        None if steps.instant_indices is None else np.searchsorted(step_sample.steps, steps.instant_indices)
+    )
     return AccumulatedErrors(errors_at_start, noise, undetected, counts_before)
 
 
-def _is_rate_constant(rate: Signal, measured: StepSample) -> bool:
+def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
     """Return True if a rate is the same at the nodes of a sample of the measured steps. All steps are then rounded
     alike.
     """
     if isinstance(rate, ConstantSignal):
         return True
-    sampled = np.unique(np.linspace(0, len(measured.steps) - 1, _CONSTANCY_CHECK_STEP_COUNT).astype(np.intp))
-    start, stop = (times[sampled] for times in measured.ends)
+    sampled = np.unique(np.linspace(0, len(step_sample.steps) - 1, _CONSTANCY_CHECK_STEP_COUNT).astype(np.intp))
+    start, stop = (times[sampled] for times in step_sample.ends)
     rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_NODE_OF_MAGNUS6)
     return bool((rates == rates[0, 0]).all())
 
@@ -295,13 +297,13 @@ def _sum_by_sample_interval(
 
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
     """Return the errors of steps, measured by comparison with two or more steps in place of each. A long step is
-    compared with more than two, none longer than a `MIN_EVALUATED_EVEN_STEPS`th of the duration.
+    compared with more than two, so that none is longer than `duration` / `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`.
 
     Args:
         integral: the integral.
         start: instants at which the steps begin [s].
         stop: instants at which the steps end [s].
-        duration: the whole time [s], which is divided into at least `MIN_EVALUATED_EVEN_STEPS` even steps.
+        duration: the whole time [s], which is divided into at least `MIN_EVEN_STEPS_FOR_CALLABLE_RATES` even steps.
     """
     groups = (
         slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
@@ -316,7 +318,9 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     fine = subdivide(
-        start, stop, 2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVALUATED_EVEN_STEPS) // 2), 1)
+        start,
+        stop,
+        2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVEN_STEPS_FOR_CALLABLE_RATES) // 2), 1),
     )
     node_values = (
         rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),

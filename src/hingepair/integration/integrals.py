@@ -22,7 +22,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
 
-_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+_QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,13 +127,13 @@ class AttitudeIntegral(_RateIntegral):
         Starts (..., 4) of many motions give the shape (..., steps + 1, 4). For one motion raise an ArgumentError if a
         quaternion overflows.
         """
-        begin = start * _CONJUGATE_SIGNS if self.omega_in_body_axes else start
+        begin = start * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
         components = tuple(np.moveaxis(begin, -1, 0)) if motions else tuple(begin.tolist())
         quats = ROTATION_SCAN.scan_steps(steps, components, self._fill, self.execution, motions)
         if not motions:
             self.check_finite(quats, steps)
-        return quats * _CONJUGATE_SIGNS if self.omega_in_body_axes else quats
+        return quats * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the rotations of steps into rows."""
@@ -184,7 +184,7 @@ class AttitudeIntegral(_RateIntegral):
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
         """Return the errors of intervals in the axes of the first instant; `quats` are attitudes at their ends."""
-        q = quats if self.omega_in_body_axes else quats * _CONJUGATE_SIGNS
+        q = quats if self.omega_in_body_axes else quats * _QUATERNION_CONJUGATE_SIGNS
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)
         return np.asarray(errors + w * twice + np.cross(axis, twice))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from hingepair.integration.signals import INTERPOLATION_POINTS, SampledSignal
+from hingepair.integration.signals import INTERPOLATION_POINT_COUNT, SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 
@@ -41,7 +41,7 @@ _KINK_GROWTH, _LAST_KINK_GROWTH, _END_KINK_GROWTH = 1.4, 1.65, 1.3
 # Power by which less growth reduces the weight of a kink; a vibration of six samples a period has growth 1.
 _KINK_WEIGHT_EXPONENT = 15
 # Nodes and weights on [-1, 1].
-_GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINTS // 2 + 1)
+_GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINT_COUNT // 2 + 1)
 
 
 def largest_interpolation_error(
@@ -84,9 +84,9 @@ def _interval_errors(t: Array, columns: Array) -> Array:
     row is computed from the mean of two sixth differences, the second from the larger of them, since beside a gap
     they may cancel. The other three are the errors of jumps, kinks and bends.
     """
-    points = min(INTERPOLATION_POINTS, len(t))
+    points = min(INTERPOLATION_POINT_COUNT, len(t))
     differences = [columns]
-    for k in range(1, min(INTERPOLATION_POINTS + 1, len(t))):
+    for k in range(1, min(INTERPOLATION_POINT_COUNT + 1, len(t))):
         differences.append(np.diff(differences[-1], axis=0) / (t[k:] - t[:-k])[:, None])
     intervals = np.arange(len(t) - 1)
     start = np.clip(intervals - (points // 2 - 1), 0, len(t) - points)
@@ -94,9 +94,11 @@ def _interval_errors(t: Array, columns: Array) -> Array:
     errors = np.zeros((2 + len(_KINK_ORDERS_AND_ERROR_FACTORS), len(intervals), columns.shape[1]))
     for row, difference in enumerate(_highest_differences(differences, start, points)):
         errors[row] = difference * product[:, None]
-    if len(t) > INTERPOLATION_POINTS:
+    if len(t) > INTERPOLATION_POINT_COUNT:
         h = np.diff(t)
-        stencil_length = (np.abs(product) / (_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL * h)) ** (1 / INTERPOLATION_POINTS)
+        stencil_length = (np.abs(product) / (_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL * h)) ** (
+            1 / INTERPOLATION_POINT_COUNT
+        )
         for level, (order, bound) in enumerate(_KINK_ORDERS_AND_ERROR_FACTORS, start=2):
             errors[level] = bound * _kink_sizes(differences, order, h, stencil_length)
     return errors
@@ -150,10 +152,13 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
         math.factorial(k)
         * _neighbourhood_max(row_norms(differences[k])[_centred_indices(k, h)], radius)
         * stencil_length**k
-        for k, radius in ((INTERPOLATION_POINTS - 2, 2), (INTERPOLATION_POINTS, 1))
+        for k, radius in ((INTERPOLATION_POINT_COUNT - 2, 2), (INTERPOLATION_POINT_COUNT, 1))
     )
     weight = np.ones(len(h))
-    for lower, rise, growth in ((low, INTERPOLATION_POINTS - order, _KINK_GROWTH), (middle, 2, _LAST_KINK_GROWTH)):
+    for lower, rise, growth in (
+        (low, INTERPOLATION_POINT_COUNT - order, _KINK_GROWTH),
+        (middle, 2, _LAST_KINK_GROWTH),
+    ):
         observed = (high / np.where(lower > 0, lower, np.inf)) ** (1 / rise)
         required = np.full(len(h), growth)
         required[:2] = required[-2:] = _END_KINK_GROWTH

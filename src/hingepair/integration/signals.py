@@ -23,7 +23,7 @@ from hingepair.errors import ArgumentError, HingePairError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
-INTERPOLATION_POINTS: Final = 6
+INTERPOLATION_POINT_COUNT: Final = 6
 """Samples that an interpolating polynomial goes through; its degree is one less."""
 
 _R1_TUPLE_PART_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
@@ -111,7 +111,7 @@ class SampledSignal:
         """Return interpolated values at the nodes of steps; shape (steps, nodes, ...). No step may extend beyond the
         two samples around its start. `nodes` are fractions of the step lengths h.
         """
-        count = min(INTERPOLATION_POINTS, len(self.t))
+        count = min(INTERPOLATION_POINT_COUNT, len(self.t))
         first = int(np.searchsorted(self.t, start[0]))
         if np.array_equal(self.t[first : first + len(start)], start):
             interval = np.arange(first, first + len(start))

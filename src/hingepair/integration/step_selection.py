@@ -83,12 +83,11 @@ class _Pieces(NamedTuple):
     is_regular: NDArray[np.bool_]  # whether its error fell by the rule's order when it was divided
     errors: tuple[StepErrors, ...]  # by integral
 
-    def select(self, chosen: NDArray[Any]) -> _Pieces:
+    def select(self, selection: NDArray[Any]) -> _Pieces:
         """Return a copy of some of the pieces, chosen by indices or a mask."""
-        interval, start, stop, sizes, refined, regular = (column[chosen] for column in self[:-1])
-        return _Pieces(
-            interval, start, stop, sizes, refined, regular, tuple(errors.select(chosen) for errors in self.errors)
-        )
+        interval, start, stop, sizes, refined, regular = (column[selection] for column in self[:-1])
+        errors = tuple(errors.select(selection) for errors in self.errors)
+        return _Pieces(interval, start, stop, sizes, refined, regular, errors)
 
 
 def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
@@ -113,9 +112,9 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
     duration, tol = t[-1] - t[0], max(tol, _MIN_ANGLE_TOLERANCE)
-    measured = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
-    weights = measured.error_weights(0)  # ratios of times: errors of pieces are proportional to time
-    start, stop = measured.ends
+    step_sample = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
+    weights = step_sample.error_weights(0)  # ratios of times: errors of pieces are proportional to time
+    start, stop = step_sample.ends
     intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
     counts = count_even_steps(stop - start, duration, MIN_INITIAL_EVEN_STEPS)
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
@@ -130,17 +129,17 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
         )
         if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUND_COUNT]:
             break
-        counts = _next_part_counts(inexact, measured, pieces, piece_weights, tol)
+        counts = _next_part_counts(inexact, step_sample, pieces, piece_weights, tol)
         divide = counts > 1
         if not divide.any():
             break
         parts = _divide_pieces(inexact, pieces.select(divide)[:4], counts[divide], duration)
         pieces = _merge_pieces(pieces.select(~divide), parts)
-    return _assemble_steps(inexact, measured, pieces)
+    return _assemble_steps(inexact, step_sample, pieces)
 
 
 def _next_part_counts(
-    integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
+    integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
 ) -> NDArray[np.int64]:
     """Return the number of parts into which each piece is divided next; all 1 if errors are small enough.
     `piece_weights` are the numbers of pieces for which each piece stands.
@@ -162,7 +161,7 @@ def _next_part_counts(
     ):  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
     elif total < _MAX_ERROR_SUMMED_AS_VECTORS:
-        accumulated = _PieceErrors(integrals, measured, pieces)
+        accumulated = _PieceErrors(integrals, step_sample, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_ERROR_TO_TOLERANCE * allowed:
             return np.ones(len(sizes), np.int64)
@@ -210,10 +209,10 @@ def _cautious_sizes(pieces: _Pieces) -> Array:
 class _PieceErrors:
     """Errors of pieces for each integral, rotated to the axes of the first instant, where they add up."""
 
-    def __init__(self, integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces) -> None:
+    def __init__(self, integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> None:
         self.order = integrals[0].rule.order
         self.uncertain = np.where(pieces.is_regular, 0.0, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes)
-        steps, measured_errors = _assemble_steps(integrals, measured, pieces)
+        steps, measured_errors = _assemble_steps(integrals, step_sample, pieces)
         values = {integral: integral.integrate(steps, integral.default_start) for integral in integrals}
         self.by_integral = [accumulate_errors(one, steps, values[one], *measured_errors[one]) for one in integrals]
         self.rounding = max(
@@ -230,24 +229,24 @@ class _PieceErrors:
         return max(chance, *(errors.largest_sum(factors) for errors in self.by_integral))
 
 
-def _assemble_steps(integrals: Sequence[Integral], measured: StepSample, pieces: _Pieces) -> SelectedSteps:
+def _assemble_steps(integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> SelectedSteps:
     """Return the selected steps: each piece is one step, and intervals that were not measured are divided too. Such
     an interval gets steps no longer than the longest piece of its part. The errors of the pieces are returned as the
     errors of a sample of the steps.
     """
-    t, count = measured.t, len(measured.t) - 1
+    t, count = step_sample.t, len(step_sample.t) - 1
     steps = Steps(t)
-    if not len(measured.steps) == len(pieces.start) == count:
-        longest = np.zeros(len(measured.steps))
+    if not len(step_sample.steps) == len(pieces.start) == count:
+        longest = np.zeros(len(step_sample.steps))
         np.maximum.at(longest, pieces.interval, pieces.stop - pieces.start)
-        part_counts = np.maximum(np.ceil(np.diff(t) * (1 - 2.0**-50) / measured.expand_to_steps(longest)), 1).astype(
-            np.int64
-        )
-        part_counts[measured.steps] = 1
+        part_counts = np.maximum(
+            np.ceil(np.diff(t) * (1 - 2.0**-50) / step_sample.expand_to_steps(longest)), 1
+        ).astype(np.int64)
+        part_counts[step_sample.steps] = 1
         steps = steps.refine(np.append(pieces.start, subdivide(t[:-1], t[1:], part_counts).start))
-        parts = np.searchsorted(steps.t, t[measured.parts])
-        measured = StepSample(steps.t, np.searchsorted(steps.t, pieces.start), parts)
-    by_integral = {integral: (measured, errors) for integral, errors in zip(integrals, pieces.errors, strict=True)}
+        parts = np.searchsorted(steps.t, t[step_sample.parts])
+        step_sample = StepSample(steps.t, np.searchsorted(steps.t, pieces.start), parts)
+    by_integral = {integral: (step_sample, errors) for integral, errors in zip(integrals, pieces.errors, strict=True)}
     return SelectedSteps(steps, by_integral)
 
 
