@@ -103,7 +103,9 @@ class _UrdfWriter:
         return seat
 
     def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
-        """Add a link, and the fixed joint that holds it to its parent, to a URDF tree."""
+        """Add a link, and the fixed joint that holds it to its parent link at the pose of a frame, to the element
+        `root`.
+        """
         add_element(root, "link", name=link)
         element = add_urdf_joint(root, joint, "fixed", parent, link)
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
@@ -119,7 +121,7 @@ class _UrdfWriter:
         return link
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        """Add the element of a joint that moves to a URDF tree: placement, axis and limits."""
+        """Add the element of a moving joint to the element `root`: placement, axis, limits and mimic rule."""
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
         element = add_urdf_joint(root, joint.name, kind, parent, child)

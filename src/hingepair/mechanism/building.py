@@ -60,7 +60,8 @@ def tree_of_urdf(
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
     """Return the tree of a Pinocchio model and the kind of its base, "fixed" or "free". Unless `base` is given, the
-    base is "free" if the model has a free-flyer. Joints in `locked` are held at the given positions [rad or m].
+    base is "free" if the model has a free-flyer. Joints in `locked` are held at the given positions [rad or m]. Raise
+    an ArgumentError for a model with joints of other kinds than hinges, sliders and mimic joints.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.

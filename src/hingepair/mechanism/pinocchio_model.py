@@ -34,7 +34,7 @@ _PINOCCHIO_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pi
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return the kind of the base of a Pinocchio model ("free" with a free-flyer, else "fixed"), and a list of its
     joints as parts, the base first. Warn if the gravity of the model is not the default. Raise an ArgumentError for a
-    joint that has no part.
+    joint that is not a hinge, a slider or a mimic joint.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -85,7 +85,7 @@ def _parts_of_joint(
 ) -> list[JointPart]:
     """Return a list of the parts of one joint; a composite joint has several. The first becomes part number
     `first_part`, on the part `parent_part`; the last holds the joint's body. Raise an ArgumentError for a joint that
-    has no part.
+    is not a hinge, a slider or a mimic joint.
     """
     joint, name, pose = (
         model.joints[joint_number],

@@ -221,7 +221,7 @@ def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Bo
 
 
 def _same_body(one: Body, other: Body) -> bool:
-    """Return whether two bodies have equal mass properties."""
+    """Return whether two bodies have equal mass properties; their shapes are not compared."""
     return one is other or (
         one.mass == other.mass
         and np.array_equal(one.center_of_mass, other.center_of_mass)
