@@ -134,7 +134,7 @@ def pair_expressions(
     """Return u1, u2, n (scaled to length 1) and home of the table [pair] as a dict of tuples of exact SymPy
     expressions. Leave out keys that the table does not have, and an axis n in plain numbers.
 
-    Of a robot's hinge all are left out.
+    A table that names a robot's hinge has none of these keys.
 
     Args:
         table: the table [pair].

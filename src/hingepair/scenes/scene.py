@@ -189,7 +189,7 @@ class SceneResult(Frozen, Result):
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
-        beside = (name for name in self.scene.beside(level) if getattr(self, name) is not None)
+        beside = (name for name in self.scene.additional_output_names(level) if getattr(self, name) is not None)
         return *dir(self.state), *beside, *masses
 
 
@@ -249,7 +249,7 @@ class Scene(SampledScene):
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
         return self.motion.source.sequence
 
-    def beside(self, level: int) -> tuple[str, ...]:
+    def additional_output_names(self, level: int) -> tuple[str, ...]:
         """Return the names of the coordinate outputs, and in space of the quaternion outputs, that need derivatives
         of order `level` at most.
         """
@@ -322,7 +322,8 @@ class Scene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs of the pair at `max_instants` evenly spread instants, or at all if there are fewer; return
-        a SceneResult whose motion has all derivatives of the scene.
+        a SceneResult whose motion has all derivatives of the scene. Raise an ArgumentError for outputs that the
+        motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -332,6 +333,7 @@ class Scene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
+        Raise an ArgumentError for outputs that the motion does not allow.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
@@ -346,8 +348,8 @@ class Scene(SampledScene):
             yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
-        """Return the SceneResult of the outputs `names` (None: the default) at the instants with the indices `rows`.
-        Its `known` motion has derivatives at least up to `min_order`.
+        """Return the SceneResult of the outputs `names` at the instants with the indices `rows`; `names` None means
+        all outputs of body 2. The `known` motion has derivatives at least up to `min_order`.
         """
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
@@ -360,7 +362,8 @@ class Scene(SampledScene):
         return SceneResult(t, state, self, known_motion, names, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
-        """Return the ScenePlan of `evaluate`: its text lists what is computed and what is skipped, and why.
+        """Return the ScenePlan of `evaluate` with these outputs: its text lists what is computed and what is skipped,
+        and why. Raise an ArgumentError for outputs that the motion does not allow.
 
         Args:
             outputs: as for `evaluate`.
@@ -466,7 +469,7 @@ class Scene(SampledScene):
         return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for readers of the results: on psi and its rate outside their limits, kinks, and constants
+        """Return sentences for readers of the results: on psi and its rate outside their limits, kinks, and angles
         that look like degrees. The whole motion is evaluated for this.
         """
         notes = self.note_collector()
@@ -488,7 +491,10 @@ class Scene(SampledScene):
             check_outputs(outputs, (*self.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES)),
             self.motion.level,
         )
-        known_names = *(name for name in self.kind.levels if _output_level(name) <= level), *self.beside(level)
+        known_names = (
+            *(name for name in self.kind.levels if _output_level(name) <= level),
+            *self.additional_output_names(level),
+        )
         for name in names:
             if name not in known_names:
                 hint = self.motion.hint if _output_level(name) > level else ""
@@ -508,8 +514,8 @@ class Scene(SampledScene):
 
 
 class SceneNotes:
-    """Collector of notes on a pair's scene that is evaluated in blocks: on passed limits, kinks and constants that
-    look like degrees.
+    """Collector of notes on a pair's scene that is evaluated in blocks: on passed limits, kinks and angles that look
+    like degrees.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -557,10 +563,10 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
         SceneError: the file cannot be read as a scene. The message names the file, the table and the key in one line.
         MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
     """
-    return scene_of(load_tables(path), path)
+    return scene_from_tables(load_tables(path), path)
 
 
-def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
+def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
     """Return the Scene or MechanismScene that the tables of the scene file at `path` define. Paths in the tables are
     relative to its folder. Raise a SceneError for tables that define no scene.
 
@@ -629,7 +635,7 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
     read, an unknown table or a bad constant.
 
     Raises:
-        SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
+        SceneError: the file cannot be read, has an unknown table, or has a constant that cannot be evaluated.
     """
     return with_constants_evaluated(read_tables(path))
 
@@ -640,7 +646,7 @@ def with_constants_evaluated(tables: Table) -> Table:
     evaluated.
 
     Raises:
-        SceneError: an unknown table, or a constant that is none; names it.
+        SceneError: there is an unknown table, or a constant that cannot be evaluated. The message names it.
     """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")

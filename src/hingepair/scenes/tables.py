@@ -286,7 +286,8 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     cannot be read, is too large, or is not TOML.
 
     Raises:
-        SceneError: no such file, not to be read, too large, no UTF-8, no TOML.
+        SceneError: the file does not exist, cannot be read, has more than MAX_TABLE_FILE_BYTES bytes, or is not TOML
+            in UTF-8.
     """
     import tomllib
 

@@ -23,7 +23,7 @@ from hingepair.scenes.scene import (
     COORDINATE_AND_QUATERNION_OUTPUT_NAMES,
     COORDINATE_OUTPUT_NAMES,
     Scene,
-    scene_of,
+    scene_from_tables,
     with_constants_evaluated,
 )
 from hingepair.scenes.tables import Key, Table, numbers_key
@@ -122,7 +122,7 @@ class VariantComputer:
         self._path, self._keys = Path(path), keys
         self._tables = Table(path, "", values, {})
         self._outputs = None if outputs is None else tuple(outputs)
-        self._scene = scene_of(with_constants_evaluated(self._tables), path)
+        self._scene = scene_from_tables(with_constants_evaluated(self._tables), path)
         self._motion_unaffected = _is_motion_unaffected(self._scene, keys)
         self._payload_computer: PayloadVariantComputer | None = None
         self._unloaded_robot: Mechanism | None = None  # the robot without payload, where nothing else is varied
@@ -190,7 +190,7 @@ class VariantComputer:
             here[steps[-1]] = number
         tables = replace(self._tables, values=values)
         if not self._motion_unaffected:
-            return scene_of(with_constants_evaluated(tables), self._path)
+            return scene_from_tables(with_constants_evaluated(tables), self._path)
         tables = replace(tables, constants=self._scene.tables.constants)
         if isinstance(self._scene, Scene):
             return replace(self._scene, pair=read_pair(tables.table("pair"), tables.flag("planar")), tables=tables)

@@ -30,8 +30,10 @@ from hingepair.symbolic.printers import (
 class Derivation(ClosedForms):
     """Closed forms of a pair's motion, with output as text, LaTeX, Python and SymPy source.
 
-    `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2` and body 1's are attributes: immutable SymPy matrices (3, 1) or
-    (3, 3), for a planar pair (2, 1) or expressions. Each is derived at the first access.
+    The outputs are attributes: `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, and `R1`, `S1`, `v1`, `omega1`, `a1`,
+    `alpha1`; of a planar pair those that `names` lists. Each is an immutable SymPy matrix, (3, 1) or (3, 3). Vectors
+    of a planar pair are (2, 1), and its angles, angular velocities and accelerations are expressions. An output is
+    derived at the first access.
     """
 
     __slots__ = ()
@@ -41,7 +43,7 @@ class Derivation(ClosedForms):
         `short`, repeated functions are abbreviated. Raise an ArgumentError for an unknown output, or one whose form
         is too long.
 
-        Rates are x', second derivatives x''.
+        First derivatives are written x', second derivatives x''.
 
         Args:
             names: names of outputs, out of `names`; None for all.

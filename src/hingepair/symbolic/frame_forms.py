@@ -59,15 +59,17 @@ class FrameForms:
     """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7): attributes R,
     S, jacobian, v and omega, immutable SymPy matrices.
 
-    `R` and `S`, `jacobian` (6, dof) with rows (v, omega), `v` and `omega` are attributes: immutable SymPy matrices
-    in the symbols `q` and `qd`, world axes. Numbers of the robot are exact as their shortest decimals; entries
-    of rotations that are 0, 1, -1 or roots of simple fractions within rounding are exactly these.
+    The matrices are in world axes and in the symbols `q` and `qd`: R (3, 1), S (3, 3), jacobian (6, dof) with the
+    rows of v before those of omega, v (3, 1) and omega (3, 1). Each number of the robot is the rational number that
+    its shortest decimal form shows. An entry of a rotation that equals 0, 1, -1 or the root of a simple fraction
+    within rounding is exactly that number.
 
     Args:
         robot: a robot with a fixed base.
         frame: name of a link, a joint or another frame; None means the last link, if there is only one.
-        symbolic: ("u",) keeps components of joint points and of the frame's origin that are not 0 as symbols.
-        notes: sentences on the robot's numbers, which are written above the output.
+        symbolic: (), or ("u",) to keep the components of joint points and of the frame's origin as symbols, except
+            zeros.
+        notes: sentences on the robot's numbers, which the output shows above the equations.
 
     Raises:
         ArgumentError: the base is free, there is no such frame, or `symbolic` is neither () nor ("u",).

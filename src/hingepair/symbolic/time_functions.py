@@ -42,7 +42,7 @@ class TimeFunctions:
         symbols: names of further symbols in the expressions, for `values`.
 
     Raises:
-        ArgumentError: an expression or a derivative is not real and finite for any t; names it.
+        ArgumentError: an expression or a derivative is not real and finite for any t. The message names it.
 
     >>> t = time_symbol()
     >>> functions = TimeFunctions([3 * t, t**2 + 1])

@@ -40,7 +40,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
         folder: folder that the path of a URDF file is relative to.
 
     Raises:
-        SceneError: the tables describe no mechanism; names table and key.
+        SceneError: the tables define no mechanism. The message names table and key.
         MissingDependencyError: the robot is one of example-robot-data, which is not installed.
     """
     table = tables.table("mechanism", required=False)

@@ -349,7 +349,7 @@ class MechanismScene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
         """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at all if there are fewer;
-        return a MechanismSceneResult.
+        return a MechanismSceneResult. Raise an ArgumentError for outputs that the motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -359,7 +359,7 @@ class MechanismScene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[MechanismSceneResult]:
         """Yield a MechanismSceneResult for each block of 131,072 instants in turn, for scenes that do not fit into
-        memory.
+        memory. Raise an ArgumentError for outputs that the motion does not allow.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
@@ -398,7 +398,8 @@ class MechanismScene(SampledScene):
         return MechanismSceneResult(t, state, forces, self, known_motion, outputs, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
-        """Return the MechanismPlan of `evaluate`: its text lists what is computed and what is skipped, and why.
+        """Return the MechanismPlan of `evaluate` with these outputs: its text lists what is computed and what is
+        skipped, and why. Raise an ArgumentError for outputs that the motion does not allow.
 
         Args:
             outputs: as for `evaluate`.
@@ -665,7 +666,7 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
         files: all files that the scene is read from, as absolute paths.
 
     Raises:
-        SceneError: the file cannot be read as a scene of a mechanism; names file, table and key, in one line.
+        SceneError: the file cannot be read as a scene of a mechanism. The message names file, table and key.
         MissingDependencyError: the mechanism is a robot of example-robot-data, which is not installed.
     """
     try:
