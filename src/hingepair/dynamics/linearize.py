@@ -189,8 +189,8 @@ def linearize(
 def _state_derivatives(
     motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return the derivatives of the rates of a state with respect to some components of the state, shape (k, m), and
-    the rates, (k,).
+    """Return two arrays: derivatives of the rates with respect to some components of the state, (k, m), and the
+    rates, (k,).
     """
     steps = (_RELATIVE_STATE_DIFFERENCE_STEP * motion.sizes)[component_indices]
     increments = np.zeros((len(component_indices), len(state)))

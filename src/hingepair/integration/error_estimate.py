@@ -74,8 +74,8 @@ class StepSample(NamedTuple):
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
-        """Return, for each measured step, the error of the part for which it stands over the error of the step; (P,).
-        The error of a step is taken to be proportional to length^(order + 1).
+        """Return weights (P,) of the measured steps: the error of the part of the time for which a step stands,
+        divided by the error of the step. Errors are taken to be proportional to length^(order + 1).
         """
         if len(self.steps) == len(self.t) - 1:
             return np.ones(len(self.steps))
@@ -379,9 +379,9 @@ def _undetected_errors(
 
 @functools.cache
 def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
-    """Return two cached matrices (gaps, nodes) that bound the integration error of a jump between two nodes. Each row
-    is a divided difference, scaled: of a unit jump in its gap between neighbouring nodes it gives the length of the
-    gap. The orders of the differences are the rule's order and one more.
+    """Return two cached matrices (gaps, nodes), with a row for each gap between neighbouring nodes. A row is a
+    divided difference of the values at the nodes, scaled so that a unit jump in the gap gives the length of the gap.
+    The orders of the differences are the order of the rule and one more.
     """
     nodes = np.array(rule.nodes) / 2
     x = np.concatenate([[_STEP_END_SAMPLE_OFFSET], nodes, 0.5 + nodes, [1 - _STEP_END_SAMPLE_OFFSET]])

@@ -33,7 +33,7 @@ _MAX_RUNS_INTERPOLATED_AS_SLICES = 8
 
 
 class ConstantSignal:
-    """Signal of the same value at every time; of many motions, of one value for each."""
+    """Signal that has one value at every time, for one motion or for each of many motions."""
 
     motions: tuple[int, ...]  # leading shape of the motions; () for one
 
@@ -53,7 +53,7 @@ class ConstantSignal:
 
 
 class CallableSignal:
-    """Signal that a callable of an array of times computes; errors call it by the name of its argument."""
+    """Signal whose values a callable of an array of times computes; `name` is the name of the argument in errors."""
 
     motions: tuple[int, ...] = ()
 

@@ -90,8 +90,8 @@ class _IntegratedValues(NamedTuple):
 def integrate_together(
     options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array
 ) -> tuple[Array, Array] | None:
-    """Return (orientations, hinge angles) of M motions over the same steps: quaternions (M, N, 4), or angles (M, N)
-    in the plane, and angles (M, N). Return None if the options give each motion steps of its own.
+    """Integrate M motions over common steps; return orientations, quaternions (M, N, 4) or angles (M, N) in the
+    plane, and hinge angles (M, N). Return None if the options give each motion steps of its own.
 
     That is so with a tolerance, by Euler angles and by SciPy's solver. Overflow is not refused.
 

@@ -96,8 +96,8 @@ def stamp_grids(t: Array) -> list[Array]:
 
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
-    """Return the ratio, at most 1, of the roughness of values to that which deviations of stamps [s] would cause.
-    Return None where it cannot be measured, as at even stamps.
+    """Return the ratio, at most 1, of the roughness of values to the roughness that deviations of stamps [s] would
+    cause. Return None if it cannot be measured, as at even stamps.
     """
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
     window_starts = np.unique(

@@ -35,7 +35,7 @@ MAX_SEQUENTIAL_SCAN_ELEMENTS: Final = 64
 
 
 class Steps(NamedTuple):
-    """Steps of integration between consecutive times, and which of the times are instants of the result."""
+    """Steps of integration between consecutive times, and indices of the times that are instants of the result."""
 
     t: Array  # shape (steps + 1,)
     instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all

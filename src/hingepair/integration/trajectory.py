@@ -322,8 +322,8 @@ def trajectory_from_arrays(
     arrays: Mapping[str, Any],
 ) -> Any:
     """Return a trajectory of the given class from its arrays, NumPy or Dask, and its other fields, by name.
-    `state_function` makes the state from its outputs. NumPy arrays are set read-only, and of error estimates they are
-    wrapped as lazy values.
+    `state_function` makes the state from the arrays of the outputs. NumPy arrays become read-only; those of error
+    estimates become lazy values.
 
     Args:
         trajectory_class: class of the trajectory.
@@ -401,8 +401,8 @@ def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[n
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (..., N, 3) of equal attitudes that are continuous from sample to sample. `proper` means
-    that the first and the third axis of the sequence are the same axis.
+    """Return Euler angles (..., N, 3) of the attitudes that `phi` gives, continuous from sample to sample. `proper`
+    says that the first and the third axis of the sequence coincide.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that

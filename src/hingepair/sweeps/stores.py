@@ -78,8 +78,8 @@ class Store:
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the columns of a finished chunk by name, read from its file. Raise an ArgumentError if it is
-        damaged.
+        """Return the columns of a finished chunk by name, read from the file of the chunk. Raise an ArgumentError if
+        the file is damaged.
 
         Raises:
             ArgumentError: `out`: the file of the chunk is damaged.

@@ -345,8 +345,8 @@ def _key(sweep: Sweep) -> str:
 
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
-    """Return the exception to raise for an error of a worker, which names the chunk by `chunk_text`: the same
-    exception, with a note if its message has no name, or an ArgumentError.
+    """Return the exception to raise for an error of a worker: an ArgumentError as it is, another error of this
+    package or of memory with a note that has `chunk_text`, and anything else as an ArgumentError with `chunk_text`.
     """
     if isinstance(error, ArgumentError):
         return error
