@@ -141,16 +141,16 @@ def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str
 
 def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "log.csv", "t\n1\n2\n3\n")
-    monkeypatch.setattr(column_file, "MAX_ROWS", 3)
+    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
     assert read_columns(path, ALL)["t"].size == 3
-    monkeypatch.setattr(column_file, "MAX_ROWS", 2)
+    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 2)
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
         read_columns(path, ALL)
     np.savez(tmp_path / "log.npz", t=np.arange(3))
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
         read_columns(tmp_path / "log.npz", ALL)
     monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size)
-    monkeypatch.setattr(column_file, "MAX_ROWS", 3)
+    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
     assert read_columns(path, ALL)["t"].size == 3
     monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(hp.ArgumentError, match="bytes"):

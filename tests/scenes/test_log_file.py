@@ -167,7 +167,7 @@ def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
         scene_of(tmp_path, (tmp_path / "log.npz").read_bytes(), name="log.npz")
     for name in ("log.csv", "log.npz", "log.parquet"):
         with monkeypatch.context() as patch:
-            patch.setattr("hingepair.numeric.column_file.MAX_ROWS", 11)
+            patch.setattr("hingepair.numeric.column_file.MAX_FILE_ROWS", 11)
             with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
                 scene_of(tmp_path, GOOD, name=name)
             patch.setattr("hingepair.numeric.column_file.MAX_FILE_BYTES", 100)

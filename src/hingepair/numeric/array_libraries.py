@@ -23,10 +23,10 @@ class Library(NamedTuple):
     """Array library other than NumPy, with the dtype and the device that its arrays are computed with.
 
     Attributes:
-        name: of the library.
-        namespace: its functions, by the names of the array API standard.
-        dtype: that the arrays are computed in.
-        device: where they lie; None where the library decides.
+        name: name of the library.
+        namespace: module with its functions, which have the names of the array API standard.
+        dtype: dtype in which results are computed.
+        device: device on which results are computed; None if the library decides.
     """
 
     name: str
@@ -73,8 +73,8 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the array library of the arguments, a mapping from name to value; None where all are NumPy arrays or
-    numbers. Raise ArgumentError for arrays of two libraries, DtypeError for another dtype than float32 and float64.
+    """Return the array library of the arguments, a mapping from name to value, or None if all are NumPy arrays or
+    numbers. Raise ArgumentError for arrays of two libraries, DtypeError for a dtype other than float32 and float64.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -107,8 +107,8 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
 
 
 def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
-    """Return the components of an array of another library than NumPy as a tuple, those of matrices row by row. Of a
-    tuple of components check the length, and raise ShapeError where it is another.
+    """Return the components of an array of a library other than NumPy as a tuple, those of matrices row by row. A
+    tuple of components is returned with its numbers as floats. Raise ShapeError if the shape or the length is wrong.
     """
     count = math.prod(sample_shape)
     if isinstance(value, tuple):
@@ -141,7 +141,9 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return `then` where a < b and `otherwise` elsewhere; a or b is an array of another library."""
+    """Return an array with the elements of `then` where a < b and of `otherwise` elsewhere. a or b is an array of a
+    library other than NumPy.
+    """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 
 

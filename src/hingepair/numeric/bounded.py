@@ -34,8 +34,8 @@ class Bounded:
     carry the bound on.
 
     Attributes:
-        value: what one evaluation gave; any other is within twice the bound of it.
-        bound: largest distance of any evaluation from the exact number, but for the last factor of `error`.
+        value: result of one evaluation; that of any other evaluation differs by at most twice the bound.
+        bound: largest distance of any evaluation from the exact number, without the safety factor of `error`.
     """
 
     __array_ufunc__ = None  # NumPy leaves sums and products with its numbers to the methods below
@@ -52,13 +52,17 @@ class Bounded:
 
     @classmethod
     def rounded(cls, value: Component, bound: Component = 0.0) -> Self:
-        """Return a float64 rounded to this precision, with the bound that the float64 already has."""
+        """Return a number of this class from a float64, which is rounded to its precision. The rounding error is
+        added to `bound`, the error bound of the float64.
+        """
         number = np.asarray(value, cls.dtype).astype(np.float64)
         return cls(number, np.abs(number - value) + bound)
 
     @property
     def error(self) -> Component:
-        """Return the bound with the roundings of its own arithmetic; infinite where nothing is known."""
+        """Error bound times a safety factor that covers the rounding of the bound's own arithmetic; infinite where
+        the bound is NaN.
+        """
         bound = self.bound * (1 + max(_NUM_ROUNDINGS_IN_SAFETY_FACTOR * self.u, _BOUND_ARITHMETIC_RELATIVE_ERROR))
         return np.where(np.isnan(bound), np.inf, bound)
 

@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.numeric.arrays import real_array
 
-MAX_ROWS: Final = 10_000_000  # samples of a file that is read
+MAX_FILE_ROWS: Final = 10_000_000  # samples of a file that is read
 MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
 _MAX_CSV_HEADING_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
 # Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
-_MAX_FLOAT_COLUMN_VALUE: Final = 1e14
+_MAX_EXACT_COLUMN_VALUE_KEPT_AS_FLOAT: Final = 1e14
 _MAX_ARRAY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _ARRAY_HEADER_PATTERN: Final = re.compile(
@@ -39,15 +39,15 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ColumnRequest(NamedTuple):
-    """Choice of the columns to read from a file: two functions, of which one chooses among the names of all columns
-    and one names the columns of an array with several axes.
+    """Description of the columns to read from a file: a function that chooses among the names of all columns, one
+    that names the columns of an array with several axes, and the name of a column to read exactly.
 
     Attributes:
-        choose: takes the names of all columns, returns those to read, in their order, or refuses one.
-        names_of: takes the name of an array and its shape behind the samples, returns the names of its columns,
-            in that shape.
-        exact: a column of which integers, dates and times stay what they are; of a .csv, integers too large for a
-            float's digits. All others become float64.
+        choose: takes the names of all columns; returns those to read, in the order of the result, or raises an error.
+        names_of: takes the name of an array and the shape of one sample; returns the names of its columns as an array
+            of this shape.
+        exact: name of a column whose integers, dates and times are not converted, so that no digit is lost. All other
+            columns become float64.
     """
 
     choose: Callable[[list[str]], list[str]]
@@ -94,11 +94,11 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """Return one column of a .csv file, read in the given dtype, such as int64 where a float would lose digits. Raise
-    ArgumentError where a cell is no such number.
+    """Return one column of a .csv file, read in the given dtype, such as int64 for numbers that a float would round.
+    Raise ArgumentError if a cell cannot be read in this dtype.
 
     Raises:
-        ArgumentError: something in it is no such number.
+        ArgumentError: a cell cannot be read in this dtype.
     """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         column = _csv_names(stream).index(name)
@@ -109,8 +109,8 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of a CSV file by name; its first line holds the names. Raise ArgumentError that
-    names the line that cannot be read.
+    """Return the requested columns of a CSV file as a dict of arrays by name. The first line of the file has the
+    names; empty cells become NaN. Raise ArgumentError, which names the line, if a line cannot be read.
     """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
@@ -134,8 +134,10 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     columns = dict(
         zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
     )
-    if request.exact in columns and np.abs(columns[request.exact]).max(initial=0.0) > _MAX_FLOAT_COLUMN_VALUE:
-        columns[request.exact] = csv_column(path, request.exact, np.int64)
+    if request.exact in columns:
+        largest = np.abs(columns[request.exact]).max(initial=0.0)
+        if largest > _MAX_EXACT_COLUMN_VALUE_KEPT_AS_FLOAT:
+            columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
 
@@ -164,7 +166,7 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDA
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
         warnings.simplefilter("error", DeprecationWarning)  # NumPy before 2.4 reads integers through floats
-        return np.loadtxt(stream, usecols=columns, max_rows=MAX_ROWS + 1, **options)
+        return np.loadtxt(stream, usecols=columns, max_rows=MAX_FILE_ROWS + 1, **options)
 
 
 def _number(text: str) -> float:
@@ -205,8 +207,8 @@ def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str
 
 
 def _read_npz(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of an NPZ file by name; an array with several axes gives a column for each
-    component.
+    """Return the requested columns of an NPZ file as a dict of arrays by name; an array with several axes is split
+    into a column for each component. Raise ArgumentError for an unusable array.
     """
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
@@ -261,8 +263,8 @@ def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[
 
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of a Parquet file by name. Raise MissingDependencyError where PyArrow is not
-    installed.
+    """Return the requested columns of a Parquet file as a dict of arrays by name. Raise MissingDependencyError if
+    PyArrow is not installed, ArgumentError for a column that does not hold numbers.
     """
     try:
         import pyarrow as pa
@@ -288,8 +290,8 @@ def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _check_rows(count: int) -> None:
-    if count > MAX_ROWS:
-        raise ArgumentError("", f"at most {MAX_ROWS} samples", count)
+    if count > MAX_FILE_ROWS:
+        raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", count)
 
 
 # The readers, by the ending of the file.

@@ -31,8 +31,8 @@ _MIN_MILLISECOND_STAMP = 1e11  # whole numbers from here on, 3,000 years, are st
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Return instants as float64. Raise ShapeError or ArgumentError unless they are finite, increase, and are at
-    least order + 1, as finite differences of that order need.
+    """Return instants as float64. Raise ShapeError or ArgumentError unless they are finite, increase, and number at
+    least order + 1, as finite differences of this order need; also for integers that may be milliseconds.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.
@@ -151,7 +151,7 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
 
 
 _NOISE_FIT_DEGREE = 5  # of the polynomial that samples are judged by; higher ones follow more of the noise
-_NOISE_FIT_SAMPLES = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
+_SAMPLES_PER_NOISE_FIT = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
 
 
 def local_fit_residuals(
@@ -178,11 +178,11 @@ def local_fit_residuals(
     >>> float(np.sqrt(np.mean(local_fit_residuals(t, np.sin(3 * t)[:, None] + noise) ** 2)).round(4))
     0.003
     """
-    middle = _NOISE_FIT_SAMPLES // 2
-    neighbours = np.arange(max(t.size - _NOISE_FIT_SAMPLES + 1, 0))[:, None] + np.arange(_NOISE_FIT_SAMPLES)
+    middle = _SAMPLES_PER_NOISE_FIT // 2
+    neighbours = np.arange(max(t.size - _SAMPLES_PER_NOISE_FIT + 1, 0))[:, None] + np.arange(_SAMPLES_PER_NOISE_FIT)
     x = t[neighbours] - t[neighbours[:, middle], None]
     gaps = (x[:, :, None] - x[:, None, :]) / (x[:, -1:] - x[:, :1])[..., None]
-    gaps[:, range(_NOISE_FIT_SAMPLES), range(_NOISE_FIT_SAMPLES)] = 1.0
+    gaps[:, range(_SAMPLES_PER_NOISE_FIT), range(_SAMPLES_PER_NOISE_FIT)] = 1.0
     weights = 1 / gaps.prod(axis=-1)  # of the divided difference, which no polynomial of the degree has
     weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
     samples, references = values[neighbours], values[neighbours[:, middle]][:, None]

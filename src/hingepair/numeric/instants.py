@@ -18,23 +18,28 @@ from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
 _MIN_NANOSECOND_STAMP = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
-_MAX_FLOAT_STAMP = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
-_RELATIVE_JITTER_TOLERANCE = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
+_MAX_FLOAT_STAMP_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
+_MAX_JITTER_TO_MEDIAN_TIME_STEP = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
 
 
 class MeasurementWarning(UserWarning):
-    """Warns of recorded data that a result depends on: noise that dominates, stamps that jitter, doubtful units."""
+    """Warns that recorded data make a result unreliable: noise dominates, the time steps are irregular, or the units
+    are doubtful.
+    """
 
 
 def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
-    """Warn of each sentence as a MeasurementWarning at the caller of the function that calls this one."""
+    """Issue a MeasurementWarning for each sentence. By default, it shows the line of code that called the caller of
+    this function.
+    """
     for sentence in sentences:
         warnings.warn(sentence, MeasurementWarning, stacklevel=stacklevel)
 
 
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
-    """Return float64 seconds since a reference instant, and the reference instant: `since`, or the first of t. Raise
-    ArgumentError for instants that are not finite, or whose unit is in doubt.
+    """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
+    or by default the first of t. Raise an error for no instants, instants that are not finite, and integers whose
+    unit is in doubt.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -62,7 +67,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _MAX_FLOAT_STAMP:
+        if np.abs(stamps).max() > _MAX_FLOAT_STAMP_SECONDS:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -76,8 +81,8 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
 
 
 def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Return the seconds since the first instant, and the first instant in its own kind of number. Raise
-    ArgumentError unless the instants increase strictly.
+    """Return (seconds, first): the float64 seconds since the first instant, and the first instant with its own type.
+    Raise ArgumentError unless the instants increase strictly.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
@@ -94,8 +99,9 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
-    """Return increasing instants as float64 seconds: floats as they are, clock stamps (datetime64, nanoseconds since
-    1970) counted from the first. Raise ArgumentError unless they increase and are more than `order`.
+    """Return increasing instants as float64 seconds: floats as they are, clock stamps (datetime64, integer
+    nanoseconds since 1970) counted from the first. Raise an error unless they increase and there are more than
+    `order`.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.
@@ -120,14 +126,14 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
-    """Return a list with one sentence where the time steps of a recording scatter, since that spoils derivatives; an
-    empty list otherwise.
+    """Return a list with one sentence if the time steps of a recording are irregular, which makes derivatives
+    inaccurate; an empty list otherwise.
     """
     steps = np.diff(seconds)
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _RELATIVE_JITTER_TOLERANCE * middle:
+    if high - low <= _MAX_JITTER_TO_MEDIAN_TIME_STEP * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]

@@ -11,8 +11,8 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array, row_norms
 
 _MIN_RECORDING_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
-_MIN_SUSPICIOUS_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
-_MAX_SUSPICIOUS_TIME_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
+_MIN_SUSPICIOUSLY_LONG_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
+_MAX_SUSPICIOUSLY_SHORT_TIME_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
 _MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
@@ -21,7 +21,7 @@ _MAX_GYROSCOPE_RATE = 40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a se
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
 """Median sizes of what an accelerometer feels that are suspicious [m/s^2]: of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
-_MAX_GYRATION_RATIO = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
+_MAX_GYRATION_RADIUS_TO_LEVER = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
 _SUSPECTED_TIME_UNITS = (
     (500.0, "milliseconds", "1e-3"),
     (5e5, "microseconds", "1e-6"),
@@ -45,12 +45,12 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
     if steps.size < _MIN_RECORDING_STEPS:
         return []
     step = float(np.median(steps))
-    if step >= _MIN_SUSPICIOUS_TIME_STEP:
+    if step >= _MIN_SUSPICIOUSLY_LONG_TIME_STEP:
         unit, factor = next((unit, factor) for most, unit, factor in _SUSPECTED_TIME_UNITS if step <= most)
         return [
             f"{name} steps by {step:.3g} s: is it in seconds? {unit.capitalize()} become seconds by {factor} * t."
         ]
-    if 0 < step <= _MAX_SUSPICIOUS_TIME_STEP:
+    if 0 < step <= _MAX_SUSPICIOUSLY_SHORT_TIME_STEP:
         return [f"{name} steps by {step:.3g} s: is it in seconds? Days become seconds by 86400 * t."]
     return []
 
@@ -173,6 +173,6 @@ def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: flo
     ['body2.inertia: its radius of gyration is 224 m, beside levers of 0.5 m: is it in kg m^2?']
     """
     radius = float(np.sqrt(np.linalg.eigvalsh(inertia)[-1] / mass)) if mass > 0 else 0.0
-    if not lever or radius <= _MAX_GYRATION_RATIO * lever:
+    if not lever or radius <= _MAX_GYRATION_RADIUS_TO_LEVER * lever:
         return []
     return [f"{name}: its radius of gyration is {radius:.3g} m, beside levers of {lever:.3g} m: is it in kg m^2?"]

@@ -70,8 +70,8 @@ def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int
 
 
 def left_out_remark(skipped: int, samples: int) -> str:
-    """Return a remark, to follow a verdict, on how many of the samples were skipped since they were not finite; an
-    empty text where none were.
+    """Return a remark in brackets, to follow a verdict, that says how many samples were left out because they are not
+    finite; an empty text if none were.
 
     >>> left_out_remark(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
@@ -83,8 +83,8 @@ def left_out_remark(skipped: int, samples: int) -> str:
 
 
 def instant_text(t: float) -> str:
-    """Return an instant [s] as text: with six digits, or with all where it is so late that six do not tell it from
-    its neighbours.
+    """Return an instant [s] as text: with six digits, or from 1e5 s on with all digits, since six would not
+    distinguish it from its neighbours.
 
     >>> instant_text(1 / 3), instant_text(1763746391.25)
     ('0.333333', '1763746391.25')
@@ -93,12 +93,12 @@ def instant_text(t: float) -> str:
 
 
 def finite_or_none(number: float) -> float | None:
-    """Return the number, or None where JSON has no word for it."""
+    """Return the number, or None if it is infinite or NaN, which JSON cannot represent."""
     return number if math.isfinite(number) else None
 
 
 def json_text(report: Any) -> str:
-    """Return a report as JSON; a number that is not finite is null.
+    """Return a report of nested mappings, lists and values as a JSON text; numbers that are not finite become null.
 
     >>> print(json_text({"largest": math.inf}))
     {
@@ -111,8 +111,8 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
-    """Return nested mappings and lists with None in place of each float that is not finite, for which JSON has no
-    word.
+    """Return a copy of nested mappings and lists with None in place of each float that is not finite, which JSON
+    cannot represent.
     """
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
@@ -142,9 +142,9 @@ class Sheet(NamedTuple):
     """A table of texts: a title, rows of which the first is the heading, and notes.
 
     Attributes:
-        title: what it shows.
-        rows: of cells, as texts; the first row is the heading.
-        notes: sentences below it.
+        title: title of the table.
+        rows: rows of cells; the first row is the heading.
+        notes: sentences that are shown below the table.
     """
 
     title: str

@@ -15,7 +15,9 @@ HighLow: TypeAlias = tuple[Component, Component]
 
 
 class Twofold:
-    """A number high + low of twice the precision of a double, which adds, subtracts and multiplies."""
+    """A number high + low with twice the precision of a double. It supports addition, subtraction and
+    multiplication.
+    """
 
     __slots__ = ("high", "low")
 

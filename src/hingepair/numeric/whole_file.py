@@ -78,8 +78,8 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
 
 
 def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
-    """Return the status of the file at the path, or behind it where the path is a symlink; None where no file is
-    there.
+    """Return the status of the file at the path, or of the file that a symlink there leads to; None if there is none.
+    Raise OSError if the path cannot be read.
     """
     try:
         return Path(path).stat()

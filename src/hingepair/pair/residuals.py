@@ -70,7 +70,7 @@ class ResidualCheck(NamedTuple):
         return self.samples > 0 and self.ratio <= 1
 
     def _cells(self) -> tuple[str, ...]:
-        """Return the cells of the row of this residual in the printed table."""
+        """Return the texts of the cells of this residual's row in the printed table, as a tuple."""
         if self.worst_sample is None:
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
@@ -201,15 +201,15 @@ that."""
 
 
 class ResidualKind(NamedTuple):
-    """Properties of a kind of residual: equation label, unit, rates that it needs, scale of its round-off, array of
-    its sizes.
+    """Properties of a kind of residual: label of the equation, unit, the arrays of both motions that it needs, the
+    formula of the scale of its rounding errors as text, and the name of the array whose norm is its size.
 
     Attributes:
-        label: of the equation.
-        unit: of its size.
-        letters: what it takes of either body's motion.
-        scale: formula of the scale that round-off is measured in.
-        size: the array whose norm is its size.
+        label: label of the equation, with a prime for each time derivative.
+        unit: unit of the size of the residual.
+        letters: names of the velocities and accelerations that both motions must have.
+        scale: formula of the scale that rounding errors are relative to, as text.
+        size: name of the array whose norm is the size of the residual.
     """
 
     label: str
@@ -245,18 +245,17 @@ _RESIDUAL_ARRAY_NAMES = (
 
 
 class LazyResiduals(Results):
-    """Report on the residuals of Dask arrays that is not computed yet: the arrays of `Residuals` as Dask arrays.
+    """Report on the residuals of motions that hold Dask arrays, which is not computed yet. It has the arrays of
+    `Residuals` as Dask arrays, and `ratio`, the largest residual / tolerance of each sample.
 
     `report.compute()`, or `dask.compute(report)`, returns the `Residuals` in memory. `report.compute_summary()`
-    returns `Residuals` whose rows and verdict are computed chunk by chunk, and whose arrays stay Dask arrays: for
-    motions larger than memory. What the motions do not hold is None. `ratio` is the largest residual / tolerance of
-    each sample: up to 1 passes; NaN where the motion is not finite.
+    returns `Residuals` whose rows and verdict are computed chunk by chunk and whose arrays stay Dask arrays, for
+    motions larger than memory. Arrays that need velocities or accelerations which the motions do not have are None.
 
     Attributes:
-        shape: leading shape of the samples.
-        outputs: names of the arrays.
-        name: the pair's.
-        t: instants of the samples; None where they were not given.
+        ratio: largest residual / tolerance of each sample, at most 1 if it passes; NaN where the motion is not
+        finite. shape: leading shape of the samples. outputs: names of the arrays. name: name of the pair. t: instants
+        of the samples; None if they were not given.
     """
 
     __slots__ = (*_RESIDUAL_ARRAY_NAMES, "_summary", "_u", "name", "ratio", "t")
@@ -269,9 +268,8 @@ class LazyResiduals(Results):
             object.__setattr__(self, key, value)
 
     def compute_summary(self, **options: Any) -> Residuals:
-        """Return the report with computed rows and verdict, and with the Dask arrays of this one.
-
-        Chunks are computed one by one and not kept. `options` are those of `dask.compute`.
+        """Compute the rows and the verdict, chunk by chunk, and return the `Residuals`, whose arrays stay Dask
+        arrays. `options` are passed to `dask.compute`.
         """
         import dask
 
@@ -312,7 +310,8 @@ def lazy_residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> LazyResiduals:
-    """Return the LazyResiduals of two motions from the Dask arrays that `residual_arrays` names; compute nothing.
+    """Return the LazyResiduals of two motions, made of the results of `residual_arrays` as Dask arrays. Nothing is
+    computed. Raise ArgumentError if t is a Dask array or does not broadcast to the samples.
 
     Raises:
         ArgumentError: t is a Dask array, or does not broadcast to the samples.
@@ -343,13 +342,14 @@ def lazy_residuals(
 
 
 class _ResidualSummary(NamedTuple):
-    """Summary of the residuals at some samples: a row for each residual, shape and number of skipped samples.
+    """Summary of the residuals at some samples: a `ResidualCheck` for each residual, and the shape and the number of
+    skipped ones of these samples.
 
     Attributes:
-        rows: comparison of each residual with its tolerance; indices count from the first of these samples;
-            without instants.
+        rows: comparison of each residual with its tolerance, without instants. The index of the worst sample counts
+            from the first of these samples.
         shape: leading shape of the samples.
-        skipped: samples of which at least one residual is not finite.
+        skipped: number of samples at which at least one residual is not finite.
     """
 
     rows: tuple[ResidualCheck, ...]
@@ -360,7 +360,9 @@ class _ResidualSummary(NamedTuple):
 def _summarize_chunk(
     sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
-    """Return the summary of one chunk from (sizes, tolerances) at every sample, by kind of residual."""
+    """Return the summary of one chunk. `judged_arrays` holds the sizes and the tolerances of each kind of residual at
+    every sample, `bases` the texts on the origin of the tolerances.
+    """
     judged = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
         judged[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
@@ -375,7 +377,9 @@ def _summarize(judged: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
 
 
 def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
-    """Return the summary of all samples from those of their chunks, in C order of a grid of chunks."""
+    """Return the summary of all samples, merged from the summaries of their chunks. These are in C order of a grid
+    with `grid_shape` chunks along each axis.
+    """
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
     starts = []  # of the chunks, along each axis
     for axis, count in enumerate(grid_shape):
@@ -413,7 +417,9 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
-    """Return the report of its parts by name: `Residuals`, or LazyResiduals if they are Dask arrays."""
+    """Return a report made of arrays and a summary by name: LazyResiduals if they are Dask collections, and otherwise
+    Residuals.
+    """
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
         return LazyResiduals(arrays, arrays["psi"].shape, name, t, u, values["summary"])
@@ -422,7 +428,9 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the `Residuals` of a summary and of NumPy or Dask arrays; rows get the instants of worst samples."""
+    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. The rows get the instants of the
+    worst samples.
+    """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
     values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUAL_ARRAY_NAMES}
@@ -434,7 +442,7 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant of a sample as a number, or of a clock as text; None without instants or without sample."""
+    """Return the instant of a sample, a number or a text for datetime64; None if `t` or `sample` is None."""
     if t is None or sample is None:
         return None
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
@@ -453,10 +461,11 @@ _COMPARISON_ARRAY_NAMES = {
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return by name the arrays of residuals, hinge angle and its rates, ratio, sizes and tolerances of two motions.
+    """Compute the arrays of a report on two motions, and return them as a dict by name: the residuals, the hinge
+    angle and its derivatives; `ratio`, the largest residual / tolerance of each sample; sizes and tolerances of each
+    residual. Raise ArgumentError for unusable arguments.
 
-    `ratio` is the largest residual / tolerance of each sample. Sizes are -inf where the motion is not finite; sizes
-    and tolerances of each residual have shape (...,).
+    Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
     """
     computed = _compute_residuals(pair, body1, body2, tolerances)
     ratio = np.full(computed.shape, -np.inf)
@@ -471,11 +480,11 @@ class _ResidualComparison(NamedTuple):
     """Comparison of a residual with its tolerance at every sample, shape (...,); -inf where the motion is not finite.
 
     Attributes:
-        sizes: of the residual; inf where it overflows.
-        tolerance: what is allowed.
+        sizes: sizes of the residual; inf where a size overflows.
+        tolerance: tolerances of the residual.
         ratio: sizes / tolerance.
-        is_finite: where the motion is finite.
-        basis: where the tolerance comes from.
+        is_finite: whether the motion is finite.
+        basis: text on the origin of the tolerance.
     """
 
     sizes: Float64Array
@@ -489,8 +498,8 @@ class _ResidualComputation(NamedTuple):
     """All residuals of two motions as arrays, with their comparisons to the tolerances.
 
     Attributes:
-        arrays: by name.
-        judged: by the residual's name.
+        arrays: residuals, hinge angle and its derivatives by name.
+        judged: comparison of each residual with its tolerance, by the name of the residual.
         shape: leading shape of the samples.
         u: unit roundoff of the least precise array given.
     """
@@ -504,7 +513,9 @@ class _ResidualComputation(NamedTuple):
 def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> _ResidualComputation:
-    """Return all residuals of two motions that their rates allow, and the comparison of each with its tolerance."""
+    """Compute all residuals that the velocities and accelerations of two motions allow, and compare each with its
+    tolerance. Raise ArgumentError for unusable arguments.
+    """
     motions = _read_both_motions(body1, body2)
     tolerance_by_kind = _check_tolerances(tolerances)
     for kind in tolerance_by_kind:
@@ -554,7 +565,9 @@ def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
 
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Return the comparison of sizes with tolerances, sample by sample; sizes are -inf where no motion is finite."""
+    """Return the comparison of sizes with tolerances, sample by sample. Sizes are -inf where the motion is not
+    finite.
+    """
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):
         ratio = np.where(is_finite, sizes / tolerance, -np.inf)
@@ -562,7 +575,7 @@ def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> 
 
 
 def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
-    """Return the unit roundoff of the least precise of some dtypes; integers count as float64."""
+    """Return the unit roundoff of the least precise of the dtypes; integers count as float64."""
     return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
 
 
@@ -573,7 +586,9 @@ def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
 
 
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return all arrays of two motions by name, such as R1 and omega2; refuse motions without attitudes."""
+    """Return all arrays of two motions as a dict by name, such as R1 and omega2. Raise ArgumentError if a motion has
+    no attitude.
+    """
     motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body, "S")
@@ -585,7 +600,9 @@ def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArra
 def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
-    """Return by name the residuals, and the hinge angle and its rates, that the motions' arrays suffice for."""
+    """Compute the residuals, the hinge angle and its derivatives, as far as the motions have the arrays that they
+    need. Return them as a dict by name.
+    """
     home, there = "home" in pair.values, {*motions, *pair.values}
     names = [
         name
@@ -603,15 +620,17 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """Compute the Residuals of two motions: how far they violate this hinge, beside tolerances (E1, E2 and their
-    derivatives).
+    """Compute the Residuals of two motions: by how much they violate the hinge constraints E1 and E2 and their time
+    derivatives, compared with tolerances. Raise ArgumentError for unusable arguments.
     """
     arrays, judged, _, u = _compute_residuals(pair, body1, body2, tolerances)
     return _make_report(name, t, u, _summarize(judged), arrays)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return instants, numbers or dates, broadcast to one for each sample and read-only; refuse other shapes."""
+    """Return instants, numbers or datetime64, as a read-only array that is broadcast to one per sample. Raise
+    ShapeError if they do not broadcast to `shape`.
+    """
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
     try:
@@ -622,9 +641,8 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
-    """Return the ResidualCheck of one residual, whose worst sample is that with the largest residual / tolerance.
-
-    Its instant is left None.
+    """Return the ResidualCheck of one residual, whose worst sample is the one with the largest size / tolerance. The
+    instant of this sample is left None.
     """
     label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
     sizes, tolerance, ratio, is_finite, basis = comparison
@@ -654,8 +672,8 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualC
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return by kind the scale of each residual's round-off, sample by sample (the formulas of
-    `RESIDUAL_KIND_BY_NAME`).
+    """Return a dict of the scales that the rounding errors of the residuals are relative to, at each sample, by kind
+    of residual (the formulas of `RESIDUAL_KIND_BY_NAME`).
     """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
@@ -680,7 +698,9 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
-    """Raise ArgumentError if a tolerance is given for a kind of residual whose rates the motions do not have."""
+    """Raise ArgumentError unless both motions have the velocities and accelerations that a kind of residual needs,
+    for which a tolerance is given.
+    """
     letters = RESIDUAL_KIND_BY_NAME[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
     if missing:
@@ -689,7 +709,9 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the tolerances by kind of residual as floats; refuse unknown kinds and numbers that are not positive."""
+    """Return the tolerances as a dict of floats by kind of residual. Raise ArgumentError for unknown kinds and for
+    numbers that are not positive.
+    """
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):
