@@ -19,9 +19,9 @@ class ArgumentError(HingePairError, ValueError):
     """An argument, a key of a file or an option has a value that cannot be used.
 
     Attributes:
-        name: the argument's name, as the caller wrote it.
-        expected: what would have been accepted.
-        got: what came.
+        name: name of the argument, key or option.
+        expected: text that says which values are accepted.
+        got: the value that was given, or a text that describes it.
     """
 
     def __init__(self, name: str, expected: str, got: object) -> None:
@@ -35,44 +35,54 @@ class ArgumentError(HingePairError, ValueError):
 
 
 class AxisError(ArgumentError):
-    """The hinge axis is zero or not finite."""
+    """A hinge axis is zero or not finite. The attributes are those of `ArgumentError`."""
 
 
 class RotationError(ArgumentError):
-    """A matrix or quaternion does not describe a rotation."""
+    """A matrix or quaternion does not describe a rotation. The attributes are those of `ArgumentError`."""
 
 
 class ShapeError(ArgumentError):
-    """An array has a shape that does not fit."""
+    """An array has a wrong shape. The attributes are those of `ArgumentError`: `expected` says which shape is
+    accepted, `got` which shape the array has.
+    """
 
 
 class DtypeError(ArgumentError, TypeError):
-    """An array has a dtype that is not supported."""
+    """An array has a dtype that is not supported. The attributes are those of `ArgumentError`."""
 
 
 class GimbalLockError(ArgumentError):
-    """Euler-angle rates do not exist at this attitude (E4)."""
+    """Euler-angle rates do not exist at an attitude, or can no longer be integrated near it (E4). The attributes
+    are those of `ArgumentError`.
+    """
 
 
 class FitError(ArgumentError):
-    """No hinge can be found from a motion: nothing in it determines one."""
+    """The recorded data do not determine what is fitted, such as a hinge, or the attitude of a body from its
+    markers. The attributes are those of `ArgumentError`; `name` names the data.
+    """
 
 
 class SceneError(ArgumentError):
-    """A scene file cannot be read as a scene; `name` is `file: table.key`."""
+    """A scene file cannot be read as a scene. The attributes are those of `ArgumentError`; `name` has the form
+    `file: table.key`.
+    """
 
 
 class URDFError(ArgumentError):
-    """A URDF text holds no such hinge, or is no URDF."""
+    """A text is not valid URDF, or has no joint of the given name. The attributes are those of
+    `ArgumentError`.
+    """
 
 
 class MissingDependencyError(HingePairError, ImportError):
     """An optional package is not installed.
 
     Attributes:
-        name: what was asked for.
-        expected: the package that it needs.
-        got: what was found instead.
+        name: the argument or function that needs the package.
+        expected: text that names the package and says how to install it.
+        got: text that says what was found instead.
     """
 
     def __init__(self, name: str, expected: str, got: str) -> None:
@@ -83,11 +93,11 @@ class MissingDependencyError(HingePairError, ImportError):
 
 
 class CompilationError(HingePairError, RuntimeError):
-    """LLVM could not compile a kernel.
+    """LLVM could not compile a kernel, a function in machine code that evaluates the equations.
 
     Attributes:
         name: the kernel's name.
-        reason: what LLVM or llvmlite said.
+        reason: the message of LLVM or llvmlite.
     """
 
     def __init__(self, name: str, reason: str) -> None:

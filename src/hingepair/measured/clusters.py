@@ -28,14 +28,15 @@ class ClusterFit:
     (`ok`), and findings.
 
     Attributes:
-        body: the motion: R, the mean of the cluster's markers, and S; NaN where fewer than three markers are seen;
-            shape (N,).
-        reference: places of the markers in the body's axes [m]; (M, 3).
-        residuals: distance of each marker from its place [m]; (N, M), NaN where the marker is not seen.
-        rms: rms of these distances for each marker [m]; (M,).
+        body: the motion of the body, a BodyMotion of shape (N,) with R and S. The reference point R is the origin of
+            the places in `reference`. The motion is NaN where fewer than three markers are seen.
+        reference: places of the markers on the body, in the body's axes [m]; shape (M, 3).
+        residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
+            not seen.
+        rms: rms of these distances for each marker [m]; shape (M,).
         noise: standard deviation of a coordinate of a marker [m].
         ok: whether the cluster is rigid.
-        findings: sentences on the marker that moved against the others.
+        findings: sentences that say which marker moved relative to the others.
     """
 
     body: BodyMotion
@@ -53,16 +54,18 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     Raise FitError where the markers do not determine the attitude.
 
     Args:
-        markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3), three
-            markers or more that are not on a line.
-        reference: places of the markers in the body's axes [m]; (M, 3). Unless these are given, the body's axes are
-            those of the world at the sample that shows most markers, and its reference point is the markers' mean.
+        markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3). There
+            must be three markers or more that are not on a line.
+        reference: places of the markers in the body's axes [m]; shape (M, 3). If they are not given, the body's axes
+            are parallel to the world's axes at the sample that shows the most markers, and the body's reference
+            point is the mean of the fitted places of all markers.
 
     Returns:
         The fit, whose `.body` is ready for `fit` and `smooth`.
 
     Raises:
-        FitError: no sample has three markers, or the markers are on a line.
+        FitError: no sample has three markers, the markers are on a line, or (without `reference`) a marker is never
+            seen together with three others.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

@@ -65,15 +65,16 @@ class AxisFit:
     deviations, the rms residual, whether the axis is reliable (`ok`), and findings.
 
     Attributes:
-        n1: axis in body 1's axes, unit vector; (3,). It is the `n` of a HingePair.
-        n2: the same axis in body 2's axes, unit vector; (3,): home^T n1.
-        std: standard deviations of n1 and n2, as angles [rad]; (2,), inf where the motion does not show the axis.
-        bias1: bias of gyroscope 1, as far as the motion shows it [rad/s]; (3,).
-        bias2: bias of gyroscope 2.
-        bias_std: standard deviations of both biases [rad/s]; (2, 3).
-        rms: rms of the residuals abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
-        ok: whether the motion shows one axis and determines it.
-        findings: sentences on what is wrong, or not shown by the motion.
+        n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the `n` of a HingePair.
+        n2: the same axis in body 2's axes, unit vector; shape (3,). A HingePair has n2 = home^T n1.
+        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). They are inf where the motion
+            does not determine the axis.
+        bias1: bias of gyroscope 1, as far as the motion determines it [rad/s]; shape (3,).
+        bias2: bias of gyroscope 2 [rad/s]; shape (3,).
+        bias_std: standard deviations of both biases [rad/s]; shape (2, 3).
+        rms: rms over the samples of the residuals abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
+        ok: whether the bodies turn about one common axis and the motion determines it.
+        findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 
     n1: Float64Array
@@ -96,14 +97,16 @@ class AnchorFit:
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
         u2: hinge point from sensor 2, body 2's axes [m]; (3,).
-        covariance: of (u1, u2) [m^2]; (6, 6), inf where the motion does not show the point. Which point of the axis
-            u1 and u2 lead to is a convention and has no variance; given axes are taken as exact.
-        bias1: bias of accelerometer 1, as far as the motion shows it [m/s^2]; (3,).
-        bias2: bias of accelerometer 2.
-        bias_std: standard deviations of both biases [m/s^2]; (2, 3).
-        rms: rms of the residuals, the difference of the forces' sizes at the hinge point [m/s^2].
-        ok: whether the motion shows a point that is fixed in both bodies, and determines it.
-        findings: sentences on what is wrong, or not shown by the motion.
+        covariance: covariance matrix of (u1, u2) [m^2]; shape (6, 6). A variance is inf where the motion does not
+            determine the component. The position of the hinge point along the axis is a convention and has no
+            variance. Axes that were given are taken as exact.
+        bias1: bias of accelerometer 1, as far as the motion determines it [m/s^2]; shape (3,).
+        bias2: bias of accelerometer 2 [m/s^2]; shape (3,).
+        bias_std: standard deviations of both biases [m/s^2]; shape (2, 3).
+        rms: rms over the samples of the difference between the magnitudes of the specific force at the hinge point,
+            computed from sensor 1 and from sensor 2 [m/s^2].
+        ok: whether a point that is fixed in both bodies exists and the motion determines it.
+        findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 
     u1: Float64Array
@@ -122,17 +125,20 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     Raise FitError where samples are too few or neither body turns.
 
     Args:
-        omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where there is
-            none. Samples are in the order of time at even steps, which tells the sign of n2.
-        omega2_b2: angular velocity of body 2 in body 2's axes, at the same instants.
-        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
-            0 where the biases were subtracted before.
+        omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where a sample
+            is missing. Samples must be in the order of time and equally spaced: the sign of n2 relative to n1 is
+            found from how the motion goes on from sample to sample.
+        omega2_b2: angular velocity of body 2 in body 2's axes at the same instants [rad/s]; shape (N, 3).
+        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
+            0 if the biases were subtracted from the data.
 
     Returns:
-        The fit. Of the components of n1 that are at least 0.45 times as large as the largest, the first is positive.
+        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). Both axes with opposite signs
+        describe the same hinge. The sign is chosen such that a component of n1 is positive: the first one whose
+        magnitude is at least 0.45 times the largest magnitude.
 
     Raises:
-        FitError: fewer than 8 samples, or neither body turns.
+        FitError: there are fewer than 8 samples, or neither body turns.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
@@ -231,30 +237,32 @@ def fit_anchor(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
-    """Fit the hinge point to the records of two inertial sensors, each a gyroscope and an accelerometer, one on each
-    body; return an AnchorFit. The angular velocities are smoothed first; `gaps` is the longest time without samples
-    that is filled [s]. Raise FitError where samples are too few or neither body turns.
+    """Fit the hinge point to the records of two inertial sensors, one on each body, and return an AnchorFit. Each
+    sensor is a gyroscope with an accelerometer. The angular velocities are smoothed first; `gaps` is the longest time
+    without samples that is filled [s]. Raise FitError if there are too few samples or neither body turns.
 
-    The angular velocities are smoothed and differentiated (as by `hingepair.smooth`); the forces are used as
-        recorded.
+    The angular velocities are smoothed and differentiated as by `smooth`. The specific forces are used as recorded.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
-        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3), NaN where a sample is missing.
         f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
-            [m/s^2]; (N, 3).
-        omega2_b2: angular velocity of body 2 in body 2's axes.
-        f2_b2: specific force that accelerometer 2 measures, in body 2's axes.
-        n1: axis in body 1's axes, as `fit_axis` found it. With both axes, u1 leads to the point of the axis closest
-            to sensor 1; without them, u1 and u2 lead to the point closest to both sensors.
-        n2: axis in body 2's axes.
-        gaps: the longest time without a sample that is filled [s].
-        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
-            0 where the biases, as `fit_axis` found them, were subtracted before.
-        accelerometer_bias: usual size of the biases of the accelerometers, likewise [m/s^2].
+            [m/s^2]; shape (N, 3).
+        omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
+        f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
+        n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). n1 and n2 are given both or neither. If
+            they are given, the hinge point is the point of the axis that is closest to sensor 1; otherwise it is
+            the point of the axis that is closest to both sensors.
+        n2: hinge axis in body 2's axes; shape (3,).
+        gaps: longest time without a sample that is filled [s]. Values below 1.5 median time steps count as 1.5
+            median time steps.
+        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
+            0 if the biases that `fit_axis` found were subtracted from the data.
+        accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
+            [m/s^2].
 
     Raises:
-        FitError: fewer than 8 samples without a gap, or neither body turns.
+        FitError: there are fewer than 8 consecutive samples without a gap, or neither body turns.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """

@@ -41,15 +41,17 @@ class AngleFit:
 
     Attributes:
         psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
-            missing. psi is 0 where the rotation by the least angle from n2 to n1 is the attitude of body 2 relative
-            to body 1, the `home` that `fit` finds.
-        psid: measured rate of psi less the drift [rad/s]; (N,).
-        std: standard deviation of psi [rad]; (N,).
-        drift: bias of the measured rate of psi [rad/s], by which integrated rates drift; subtracted from `psid`.
-        drift_std: standard deviation of the drift [rad/s].
-        noise: median standard deviation of psi as a single direction shows it [rad].
-        ok: whether the directions determine the angle.
-        findings: sentences on what is wrong, or not shown by the motion.
+            missing. At psi = 0 the attitude of body 2 relative to body 1 is the rotation by the least angle that
+            turns n2 into n1, where n1 and n2 are the hinge axis in the axes of body 1 and of body 2. `fit` uses the
+            same rule for `home`.
+        psid: measured rate of psi, from which `drift` is subtracted [rad/s]; shape (N,).
+        std: standard deviation of psi [rad]; shape (N,).
+        drift: bias of the measured rate of psi [rad/s]. Integrated, it would make psi drift.
+        drift_std: standard deviation of `drift` [rad/s].
+        noise: median standard deviation [rad] of the angles that single samples of a vector in both bodies' axes
+            (specific force or angular velocity) show.
+        ok: whether the measured vectors determine the angle.
+        findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 
     psi: Float64Array
@@ -80,28 +82,30 @@ def fit_angle(
     and `fit_anchor`); return an AngleFit. `gaps` is the longest time without samples over which rates are integrated
     [s]. Raise FitError where samples are too few.
 
-    Two vectors that both bodies measure, the specific force at the hinge point and the angular velocity, show the
-    angle by their directions across the axis. The integrated difference of the angular velocities joins these
-    directions over time.
+    Both sensors measure two vectors in the axes of their bodies: the specific force at the hinge point, and the part
+    of the angular velocity that is perpendicular to the axis. The directions of such a vector in the axes of both
+    bodies show the angle. The integrated difference of the angular velocities connects the angles over time.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
-        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
-        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g), in body 1's axes [m/s^2]; (N, 3).
-        omega2_b2: angular velocity of body 2 in body 2's axes.
-        f2_b2: specific force that accelerometer 2 measures, in body 2's axes.
-        n1: axis in body 1's axes.
-        n2: axis in body 2's axes.
-        u1: hinge point from sensor 1, body 1's axes [m].
-        u2: hinge point from sensor 2, body 2's axes [m].
-        gaps: the longest time without a sample over which rates are integrated [s].
-        gyroscope_bias: usual size of the biases of the gyroscopes, as the standard deviation of a component [rad/s];
-            0 where the biases were subtracted before.
-        accelerometer_bias: usual size of the biases of the accelerometers, likewise [m/s^2]; the effect on psi is
-            part of `std`.
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3), NaN where a sample is missing.
+        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
+            [m/s^2]; shape (N, 3).
+        omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
+        f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
+        n1: hinge axis in body 1's axes; shape (3,).
+        n2: hinge axis in body 2's axes; shape (3,).
+        u1: vector from sensor 1 to the hinge point, body 1's axes [m]; shape (3,).
+        u2: vector from sensor 2 to the hinge point, body 2's axes [m]; shape (3,).
+        gaps: longest time without a sample over which rates are integrated [s]. Values below 1.5 median time steps
+            count as 1.5 median time steps.
+        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
+            0 if the biases were subtracted from the data.
+        accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
+            [m/s^2]. Their effect on psi is part of `std`.
 
     Raises:
-        FitError: fewer than 8 instants at which both sensors have a value.
+        FitError: there are fewer than 8 consecutive samples without a gap at which both sensors have a value.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """
