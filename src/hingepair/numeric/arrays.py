@@ -26,7 +26,7 @@ _ACCEPTED_DTYPES_MESSAGE = "real numbers (float64, float32 or integers)"
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return the value as a NumPy array of float64, float32 or integers, without a copy where it is one already.
+    """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already.
     Raise DtypeError for other kinds of number and for tables, ShapeError for lists of unequal length.
 
     Raises:
@@ -82,7 +82,7 @@ def columns_by_name(
     last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of a data frame by name, in the order of the first family (a tuple of names) that the table
-    has completely. Raise ArgumentError where no family is complete or a column has another name.
+    has completely. Raise ArgumentError if no family is complete or a column has another name.
 
     No column is copied where the table holds its columns one by one.
 
@@ -183,7 +183,7 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
-    """Return the dtype to compute in: float32 where every array is float32, else float64.
+    """Return the dtype to compute in: float32 if every array is float32, else float64.
 
     Python numbers are weak, as they are in NumPy: they follow the arrays beside them.
     """
@@ -195,7 +195,7 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
 
 def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block]:
     """Yield blocks that cover an array of the given shape, each a tuple of one slice per axis with about `block_size`
-    elements. The last axes are cut only where they are longer than a block.
+    elements. The last axes are cut only if they are longer than a block.
 
     >>> [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]

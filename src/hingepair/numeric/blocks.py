@@ -67,7 +67,7 @@ def tabulate_one(
     function: Callable[[Named], Any], inputs: Named, sample_shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
     """Evaluate a function of components for all samples and return its only result as a new array, of shape (...,
-    *sample_shape). Raise ShapeError where the inputs do not broadcast.
+    *sample_shape). Raise ShapeError if the inputs do not broadcast.
 
     Raises:
         ShapeError: the inputs do not broadcast.

@@ -231,8 +231,8 @@ def _read_npz(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
-    """Read and return one array of an NPZ file. Raise ArgumentError where its dtype is not of real numbers (dates and
-    times too where `exact`), its shape is not (N, *sample_shape), or bytes are missing.
+    """Read and return one array of an NPZ file. Raise ArgumentError if its dtype is not of real numbers (or, if
+    `exact`, of dates and times), its shape is not (N, *sample_shape), or bytes are missing.
     """
     dtype, fortran, shape = _array_header(stream)
     if dtype is None:
@@ -250,7 +250,7 @@ def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exa
 
 
 def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Read the header of an array in an NPZ file: return its dtype (None where it is no array of numbers), whether it
+    """Read the header of an array in an NPZ file: return its dtype (None if it is no array of numbers), whether it
     is in Fortran order, and its shape.
     """
     magic = stream.read(8)

@@ -31,7 +31,7 @@ _SUSPECTED_TIME_UNITS = (
 
 
 def instant_suspicions(name: str, t: Float64Array) -> list[str]:
-    """Return a list with one sentence where instants are probably not in seconds, judged by the median time step; an
+    """Return a list with one sentence if instants are probably not in seconds, judged by the median time step; an
     empty list otherwise.
 
     Args:
@@ -56,7 +56,7 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
 
 
 def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
-    """Return a list with one sentence where a hinge angle, or another angle, is probably in degrees and not in
+    """Return a list with one sentence if a hinge angle, or another angle, is probably in degrees and not in
     radians, judged by its span; an empty list otherwise.
 
     Args:
@@ -81,7 +81,7 @@ def _finite_norms(vectors: Float64Array) -> Float64Array:
 
 
 def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
-    """Return a list with one sentence where the readings of a gyroscope are probably in degrees a second and not in
+    """Return a list with one sentence if the readings of a gyroscope are probably in degrees a second and not in
     rad/s, judged by the largest; an empty list otherwise.
 
     Args:
@@ -99,7 +99,7 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
 
 
 def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
-    """Return a list with one sentence where the readings of an accelerometer are probably multiples of g and not in
+    """Return a list with one sentence if the readings of an accelerometer are probably multiples of g and not in
     m/s^2, judged by their median size; an empty list otherwise.
 
     Args:
@@ -118,7 +118,7 @@ def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
 
 
 def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
-    """Return a list with one sentence where distances between the bodies of a pair are probably in millimetres and
+    """Return a list with one sentence if distances between the bodies of a pair are probably in millimetres and
     not in metres, judged by their median; an empty list otherwise.
 
     Args:
@@ -136,7 +136,7 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
 
 
 def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -> list[str]:
-    """Return a list with one sentence where angles that a person has written (angular velocities where `rates`) are
+    """Return a list with one sentence if angles that a person has written (angular velocities if `rates`) are
     probably in degrees, judged by round numbers; an empty list otherwise.
 
     Degrees are written in whole fives, and angular velocities in parts of a turn; radians hardly ever are.
@@ -160,8 +160,8 @@ def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -
 
 
 def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: float) -> list[str]:
-    """Return a list with one sentence where the inertia of a body is probably not in kg m^2, judged by its radius of
-    gyration beside a lever of the body; an empty list otherwise.
+    """Return a list with one sentence if the inertia of a body is probably not in kg m^2, judged by its radius of
+    gyration compared with a lever of the body; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the inertia, such as "body2.inertia".

@@ -202,7 +202,7 @@ def cell_text(value: Any) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of an output, or of one of its components, as text; "1" where the name has none.
+    """Return the unit of an output, or of one of its components, as text; "1" if it has none.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')

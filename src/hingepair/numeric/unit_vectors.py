@@ -25,7 +25,7 @@ _UNSCALED_SIZE_RANGE: Final = (
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
     """Return the axis n at unit length as a float64 array, each component rounded once; shape (..., 3). Raise
-    AxisError where n is zero or not finite.
+    AxisError if n is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -35,7 +35,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axis n as an array of shape (..., 3), of any length. Raise AxisError where n is zero or not finite.
+    """Return the axis n as an array of shape (..., 3), of any length. Raise AxisError if n is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.

@@ -19,7 +19,7 @@ def whole_file(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()
 ) -> Iterator[IO[bytes]]:
     """Open a binary file to write to, as a context manager; it replaces the target only when the block ends without
-    an error (a device or pipe is written to directly). Raise ArgumentError where the target cannot be written, or is
+    an error (a device or pipe is written to directly). Raise ArgumentError if the target cannot be written, or is
     an input file.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it

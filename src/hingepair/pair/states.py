@@ -12,9 +12,9 @@ class PairState(Results):
     """The computed outputs of a pair at every sample, in world axes and SI units.
 
     The attributes are R2, S2, d, v2, omega2, a2 and alpha2 of body 2, R1, S1, v1, omega1, a1 and alpha1 of body 1 if
-    `outputs` named them, and the outputs of prepared calls. They are read-only arrays with the leading axes of the
-    samples; `help(hp.PairState)` lists their shapes and units. An output that was not computed is None. To a type
-    checker, all are arrays, so that `state.R2[-1]` needs no check for None.
+    `outputs` named them, and the other outputs of `HingePair.prepare`. They are read-only arrays with the leading
+    axes of the samples; `help(hp.PairState)` lists their shapes and units. An output that was not computed is None.
+    To a type checker, all are arrays, so that `state.R2[-1]` needs no check for None.
 
     Attributes:
         shape: leading shape of the samples; () for one state.
