@@ -94,27 +94,31 @@ class HingeFit(Shown):
         pair: the hinge.
         psi: hinge angle [rad], without jumps by 2 pi from one sample to the next, the first in [-pi, pi]; shape (N,),
             NaN where a pose is missing.
-        psi_range: smallest and largest psi of the samples that are no outliers [rad].
-        covariance: of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this order; (12, 12).
-            Its rank is 9, since the length of n is 1, the gauge fixes one coordinate along the axis, and home follows
-            from the axes in both bodies.
-        std: standard deviations by name: those of u1, u2, n and home have shape (3,); those of noise_position,
+        psi_range: smallest and largest psi of the samples that are not outliers [rad].
+        covariance: covariance matrix of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this
+            order; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The rank is 9, as
+            three of the twelve components follow from conventions: the length of n, the position of the hinge point
+            along the axis, and the rotation of home about the axis.
+        std: dict of standard deviations: those of u1, u2, n and home have shape (3,); those of noise_position,
             noise_angle and (with `t`) clock_offset are numbers.
         rms_position: rms of `gap` [m]; with a robust loss, weighted by `weights`.
         rms_angle: rms of `tilt` [rad], weighted in the same way; NaN where body 2 is a point.
-        noise_position: standard deviation of a coordinate of R2 - R1 [m], with the noise of both bodies; poorly known
-            where the noise of the attitudes times the levers is much larger.
+        noise_position: standard deviation of a coordinate of R2 - R1 [m], with the noise of both bodies. It is
+            inaccurate where the noise of the attitudes, times the length of u1 or u2, is much larger.
         noise_angle: standard deviation of a component of the relative attitude, and so of psi [rad]; NaN where body 2
             is a point.
-        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps [s]; None without `t`. Where
-            the motion does not determine the offset, it is 0 and its standard deviation is inf.
-        encoder: zero, scale and noise of the encoder; None where none was given.
-        ok: whether the motion shows a hinge and determines it.
-        findings: sentences on what the motion does not show, why it is not that of a hinge, and what else to know.
-        gauge: the rule that places the hinge point along the axis, as given to `fit`.
-        loss: the loss, as given to `fit`.
-        weights: weight of each sample, the given one times that of the loss; (N,), 0 where a pose is missing.
-        t: instants since the first [s], shape (N,); None where none were given.
+        clock_offset: delay of the recording of body 2 [s]: a sample of body 2 with the time stamp s was taken at the
+            instant s + clock_offset of body 1's clock. It is None without `t`. Where the motion does not determine
+            it, it is 0 and its standard deviation is inf.
+        encoder: the EncoderFit of the encoder; None if no readings were given.
+        ok: whether the motion is that of a hinge and determines the hinge.
+        findings: sentences that say what the motion does not determine, why it is not that of a hinge, and what else
+            is notable.
+        gauge: rule for the position of the hinge point along the axis, as given to `fit`.
+        loss: name of the loss, as given to `fit`.
+        weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 where a pose is
+            missing.
+        t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
         gap: distance between the hinge points of both bodies, abs(R1 + S1 u1 - R2 - S2 u2) [m]; (N,).
         tilt: angle between the hinge axes of both bodies [rad]; (N,), NaN where body 2 is a point.
         samples: number of samples used.
@@ -147,9 +151,9 @@ class HingeFit(Shown):
     @property
     def residuals(self) -> Residuals:
         """Return a Residuals report on the hinge constraints E1 and E2 of every sample. The tolerances are five times
-        the rms residuals of the fit, or those of rounding where the fit is not `ok`.
+        the rms residuals of the fit, or the tolerances for rounding errors where the fit is not `ok`.
 
-        The residuals of a fit that is not `ok` are not known to be noise.
+        If the fit is not `ok`, its residuals may be more than noise, so no tolerances are derived from them.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
@@ -159,9 +163,9 @@ class HingeFit(Shown):
 
     def plot(self) -> Figure:
         """Return a Matplotlib figure of the hinge angle and of the residuals of each sample over time. Raise
-        MissingDependencyError where Matplotlib is not installed.
+        MissingDependencyError if Matplotlib is not installed.
 
-        Without instants, the horizontal axis counts samples.
+        If `fit` was called without `t`, the horizontal axis counts samples.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -283,49 +287,55 @@ def fit(
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions (E1, E5), and return a
-    HingeFit. With `t`, estimate the offset between both clocks too. Raise FitError where the samples determine no
-    hinge.
+    HingeFit. With `t`, estimate the offset between the clocks of both recordings too. Raise FitError if the samples
+    do not determine a hinge.
 
-    A start in closed form, from the mean relative attitude and six linear equations, is followed by an estimate of
-    maximum likelihood: every pose has isotropic noise of equal size in both bodies, whose size is estimated from the
-    data; psi and the true poses are eliminated. Poses that are not finite count as missing.
+    A first estimate in closed form uses the mean relative attitude and six linear equations. A maximum-likelihood
+    estimate refines it, assuming (without noise1 and noise2) that the noise of every pose is isotropic and equal in
+    both bodies. The size of the noise is estimated from the data. Poses that are not finite count as missing.
 
-    What a motion cannot show is fixed by rules:
+    A motion does not determine the position of the hinge point along the axis, the sign of n, and the zero of psi.
+    These are fixed by rules:
 
-    - `gauge` places the hinge point, which u1 and u2 lead to, along the axis.
-    - The sign of n (and with it of psi): of the components that are at least 0.45 times as large as the largest, the
-      first is positive.
-    - psi = 0: `home` is the rotation by the least angle that turns the axis in body 2 into that in body 1; it is the
-      identity where both have the same components. Where the two are more than 154 degrees apart, `home` begins with
-      a half turn about the first axis of body 2 (x, y or z) for which the component of n is below 0.65.
+    - `gauge` selects the position of the hinge point along the axis.
+    - The sign of n, and with it the sign of psi, is such that a component of n is positive: the first one whose
+      magnitude is at least 0.45 times the largest magnitude.
+    - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the least angle that turns the
+      hinge axis as body 2 has it (its components in body 2's axes) into n (its components in body 1's axes). If these
+      are more than 154 degrees apart, `home` consists of a half turn about a coordinate axis of body 2, followed by
+      the rotation by the least angle. The half turn is about the first of x, y and z along which the component of n
+      is below 0.65 in magnitude.
 
     Args:
-        body1: R and S of body 1, shape (N,); one pose if body 1 does not move.
-        body2: R and S of body 2 at the same instants. R alone is a point without attitude, which runs along a circle
-            about the axis: then home is the identity, and psi is 0 where the point is seen from the axis in the
-            direction of the first axis of body 1 (x, y or z) for which the component of n is below 0.65.
-        loss: "linear" (least squares), or a loss by which outliers count little: "soft_l1", "huber", "cauchy" or
-            "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole. With these the start
-            is the hinge that most samples agree with, and samples more than thirty standard deviations off do not
-            count. "cauchy" and "arctan" are least affected by outliers.
-        gauge: "closest_to_R1" (u1 is across n) or "closest_to_R2" (u2 is across the axis).
-        t: instants: seconds, datetime64 or nanoseconds; shape (N,). With these the offset between the clocks of both
-            bodies is estimated as well, as far as the motion determines it. This needs SciPy.
-        weights: of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
-        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps [s], where this is known; 0
-            where both have one clock. It needs `t`.
-        encoder: readings of a sensor of the hinge angle at the instants of body 1, shape (N,); NaN where there is
-            none. Zero, scale and noise of the encoder are estimated, and psi is found from the poses and the
-            readings. It cannot be combined with a body 2 that is a point.
-        noise1: standard deviations of the positions [m] and attitudes [rad] of body 1, two numbers or arrays of shape
-            (N,), such as those of `smooth`. One factor on all of them is still estimated from the data.
-        noise2: those of body 2. Both noise1 and noise2 are given or none, and none where body 2 is a point.
+        body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
+        body2: BodyMotion of body 2 at the same instants, with R and S. If it has only R, it is a point without
+            attitude that moves on a circle about the axis. Then home is the identity, and psi is 0 where the
+            direction from the axis to the point is along a coordinate axis of body 1 (projected across n): the first
+            of x, y and z along which the component of n is below 0.65 in magnitude.
+        loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
+            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole.
+            With such a loss, the first estimate is the hinge with which most samples agree, and samples that deviate
+            by more than thirty standard deviations are ignored. Outliers affect "cauchy" and "arctan" least.
+        gauge: "closest_to_R1" (the hinge point is the point of the axis closest to R1; u1 is perpendicular to n) or
+            "closest_to_R2" (the same for R2 and u2).
+        t: instants: seconds, datetime64 or nanoseconds; shape (N,). If they are given, the offset between the clocks
+            of both recordings is estimated as well, as far as the motion determines it. This needs SciPy.
+        weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
+        clock_offset: known delay of the recording of body 2 [s], as `HingeFit.clock_offset` defines it; 0 if both
+            recordings have one clock. If it is given, it is not estimated. It needs `t`.
+        encoder: readings of a sensor of the hinge angle at the instants of body 1, shape (N,); NaN where a reading is
+            missing. Zero, scale and noise of the encoder are estimated, and psi is found from the poses and the
+            readings. Readings cannot be combined with a body 2 that is a point.
+        noise1: pair of the standard deviations of the positions [m] and attitudes [rad] of body 1, each a number or
+            of shape (N,), such as those of `smooth`. A common factor on all of them is still estimated from the data.
+        noise2: the same pair for body 2. Give noise1 and noise2 both or neither, and neither if body 2 is a point.
 
     Returns:
-        The fit. Read `.ok` and `.findings` before its numbers.
+        The fit. Check `.ok` and `.findings` before its numbers are used.
 
     Raises:
-        FitError: the samples determine no hinge: fewer than two, or bodies that do not turn against each other.
+        FitError: the samples do not determine a hinge: there are too few of them, or the bodies do not turn relative
+            to each other.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

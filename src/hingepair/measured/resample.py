@@ -36,21 +36,22 @@ def resample(
     the recording and where it has no sample for longer than `gaps` seconds. Warn of wrapped angles and of doubtful
     units of time.
 
-    Between samples, a cubic through the four nearest ones is evaluated (for attitudes: in rotation vectors from the
-    sample before), whose error is of order h^4 in the step h. Samples that are not finite are skipped. At an instant
-    of the recording the sample itself is returned. Nothing is extrapolated. Angles must have no jumps by 2 pi
-    (`numpy.unwrap` removes them); quaternions belong in a BodyMotion.
+    Between samples, the cubic polynomial through the four nearest samples is evaluated, with an error of order h^4 in
+    the time step h. Attitudes are interpolated as rotation vectors relative to the sample before. At an instant of
+    the recording the sample itself is returned. Samples that are not finite are skipped. Nothing is extrapolated.
+    Angles must have no jumps by 2 pi (`numpy.unwrap` removes them). Quaternions must be given as a BodyMotion.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
-        values: numbers, time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), all of whose arrays
-            are resampled.
-        to: the new instants, of the same clock and kind of number; shape (M,).
-        gaps: the longest time without a sample that is bridged [s]; at least one and a half steps are.
+        values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
+            all resampled.
+        to: the new instants, of the same clock and in the same form as t; shape (M,).
+        gaps: longest time without a sample that is interpolated across [s]. Values below 1.5 median time steps count
+            as 1.5 median time steps.
 
     Returns:
-        float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). NaN before the first sample, after the last
-        one and in gaps.
+        float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). They are NaN before the first sample, after
+        the last one and in gaps.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go

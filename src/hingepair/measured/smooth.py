@@ -51,14 +51,15 @@ class SmoothedMotion(BodyMotion):
     deviations, the bandwidth, and the correlation of the noise.
 
     Attributes:
-        noise: standard deviations of one component by letter: of R and S those of the samples [m, rad]; of v, omega,
-            a and alpha those that this noise causes [m/s, rad/s, m/s^2, rad/s^2], away from ends and gaps. Within
-            1 / bandwidth seconds of an end or a gap, derivatives are ten to twenty times worse.
-        std: standard deviations of every sample by letter, component by component, with the effect of ends and gaps;
-            (N, 3) each, of S those of a rotation vector [rad].
-        bandwidth: of the smoothing, by letter (R, S) [Hz]: the amplitude of a cosine of this frequency is halved.
-        correlation: of the noise of neighbouring samples, by letter (R, S), as estimated.
-        t: instants since the first [s]; (N,).
+        noise: dict with the keys R, v, a, S, omega and alpha: the standard deviation of one component. For R and S it
+            is the noise of the recorded samples [m, rad]. For the derivatives it is the error that this noise causes
+            away from ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the
+            errors of derivatives are ten to twenty times larger.
+        std: dict with the same keys: the standard deviation of each component at every sample, with the effect of
+            ends and gaps; shape (N, 3) each. For S it is that of a rotation vector [rad].
+        bandwidth: dict with the keys R and S: the frequency [Hz] at which the smoothing halves the amplitude.
+        correlation: dict with the keys R and S: the estimated correlation of the noise of neighbouring samples.
+        t: time since the first instant [s]; shape (N,).
     """
 
     noise: Mapping[str, float]
@@ -95,15 +96,16 @@ class SmoothedAngle(Frozen):
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
-        psid: its time derivative [rad/s].
-        psidd: its second time derivative [rad/s^2].
-        noise: standard deviations by name: of psi that of the samples; of psid and psidd what this noise causes, away
-            from ends and gaps, near which they are ten to twenty times worse.
-        std: standard deviations of every sample of psi, psid and psidd by name, with the effect of ends and gaps;
+        psid: time derivative of psi [rad/s]; shape (N,).
+        psidd: second time derivative of psi [rad/s^2]; shape (N,).
+        noise: dict with the keys psi, psid and psidd: a standard deviation. For psi it is the noise of the recorded
+            samples [rad]. For the derivatives it is the error that this noise causes away from ends and gaps; within
+            1 / bandwidth seconds of an end or a gap, the error is ten to twenty times larger.
+        std: dict with the same keys: the standard deviation at every sample, with the effect of ends and gaps; shape
             (N,) each.
-        bandwidth: of the smoothing [Hz]: the amplitude of a cosine of this frequency is halved.
-        correlation: of the noise of neighbouring samples, as estimated.
-        t: instants since the first [s]; (N,).
+        bandwidth: frequency at which the smoothing halves the amplitude [Hz].
+        correlation: estimated correlation of the noise of neighbouring samples.
+        t: time since the first instant [s]; shape (N,).
     """
 
     psi: Float64Array
@@ -138,25 +140,29 @@ def smooth(
     first and second time derivatives. `gaps` is the longest time without samples that is filled [s]. Warn of noise,
     outliers, filtered samples and doubtful units.
 
-    Smoothing splines are used (`hingepair.measured.spline`); attitudes are smoothed on the rotation group. Unless a
+    The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
     bandwidth is given, generalised cross validation chooses it. The noise may be white, or correlated from sample to
-    sample; noise that was filtered before cannot be told from motion, and a warning says so. Smoothing causes no
-    delay. A time of more than `gaps` without a sample is a gap: results are NaN there, and nothing is differentiated
-    across it. Shorter ones are filled.
+    sample. If the samples were filtered before, their noise cannot be told from motion, and a warning says so.
+
+    A time of more than `gaps` seconds without a sample is a gap: results are NaN in it, and nothing is differentiated
+    across it. Shorter times without a sample are filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970;
             shape (N,).
-        body: R and S of a body at these instants (its rates are not used); or angles [rad], shape (N,), which are
-            unwrapped where they lie within one turn and jump by nearly 2 pi. NaN where nothing was recorded.
-        bandwidth: frequency whose amplitude is halved [Hz]; much lower ones pass, much higher ones do not.
-        gaps: the longest time without a sample that is filled [s]; at least one and a half steps are.
-        loss: "linear" (least squares), or a loss by which outliers count little, as in `fit`: "soft_l1", "huber",
-            "cauchy" or "arctan".
+        body: BodyMotion with R and S at these instants (its velocities and accelerations are not used); or angles
+            [rad], shape (N,). Angles within one turn that jump by nearly 2 pi are unwrapped. Samples that were not
+            recorded are NaN.
+        bandwidth: frequency at which the amplitude is halved [Hz]; much lower frequencies pass, much higher ones are
+            removed. By default it is chosen from the data.
+        gaps: longest time without a sample that is filled [s]. Values below 1.5 median time steps count as 1.5
+            median time steps.
+        loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers, as for `fit`:
+            "soft_l1", "huber", "cauchy" or "arctan".
 
     Returns:
-        For a body a BodyMotion with v, omega, a and alpha; for angles a SmoothedAngle, which unpacks as psi, psid,
-        psidd. Both have `.std` of every sample, `.noise` and `.bandwidth`.
+        For a body a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles a SmoothedAngle,
+        which unpacks as psi, psid, psidd. Both have `.std` and `.noise` (standard deviations) and `.bandwidth`.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go

@@ -29,20 +29,21 @@ def angular_velocity(
     With `with_defect`, return (omega, defect): the defect says how far S_dot is from the derivative of a rotation.
     Raise RotationError where S is not a rotation.
 
-    The angular velocity omega is the vector of [omega]x = S' S^T, where ' is the time derivative.
+    The angular velocity omega is the vector of the cross-product matrix [omega]x = S' S^T, where S' is S_dot.
 
     Args:
         S: rotations, body to world; shape (..., 3, 3).
         S_dot: their time derivatives [1/s]; shape (..., 3, 3).
-        with_defect: also return how far S' S^T is from antisymmetric, so how far S_dot is from the derivative of a
-            rotation.
+        with_defect: whether to return the defect too: how far S' S^T is from antisymmetric. It is 0 where S_dot is
+            the derivative of a rotation. False by default.
 
     Returns:
-        omega, world axes [rad/s]; shape (..., 3); of the antisymmetric part of S' S^T. With the defect,
-        (omega, defect): the largest element of the symmetric part [1/s]; shape (...).
+        omega, world axes [rad/s]; shape (..., 3). It is the vector of the antisymmetric part of S' S^T. With
+        `with_defect`, (omega, defect), where the defect is the largest magnitude of an element of the symmetric part
+        [1/s]; shape (...).
 
     Raises:
-        RotationError: a finite S is no rotation.
+        RotationError: a finite S is not a rotation.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -85,16 +86,17 @@ def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Return the angular velocity omega (..., N, 3), in world axes, at each of N samples of a rotation, by
-    differences of error `order` (E3). With `with_alpha`, return (omega, alpha) with the angular acceleration. Raise
-    ArgumentError where samples turn too far.
+    finite differences with an error of order `order` (E3). With `with_alpha`, return (omega, alpha) with the angular
+    acceleration. Raise ArgumentError if the rotation changes by pi or more between samples that are used together.
 
-    Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta for each neighbour k. There theta is
-    0, so that omega = theta' and alpha = theta'' exactly; these are the derivatives of a polynomial of degree
-    `order` through sample i and order / 2 neighbours on either side; near the ends, of the one nearest to the first
-    or last order + 5 samples (`hingepair.differentiate`). No nearly equal matrices are subtracted.
+    Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i
+    theta is 0, so that omega = theta' and alpha = theta'' exactly. These derivatives are those of the polynomial of
+    degree `order` through sample i and order / 2 neighbours on either side. Near the ends, the polynomial is fitted
+    by least squares to the first or last order + 5 samples. Nearly equal matrices are never subtracted.
 
-    White noise of 1 rad in every component of the attitude, sampled at step h, gives omega a standard deviation of
-    this many rad / h; a higher order pays for smooth motion, a lower one for noisy data at small steps:
+    White noise with a standard deviation of 1 rad in every component of the attitude, sampled at time steps h, causes
+    the standard deviations of omega in this table [rad / h]. A higher order suits smooth motion, a lower order noisy
+    data at small time steps:
 
         order    in the middle    first and last sample
         2        0.71             0.68
@@ -103,21 +105,21 @@ def angular_velocity_from_samples(
         8        1.2              6.8
 
     Args:
-        t: instants, increasing, not necessarily uniform; shape (N,) s; N > order.
+        t: instants [s], increasing, not necessarily uniform; shape (N,) with N > order.
         S: rotations, body to world; shape (..., N, 3, 3), time on the third axis from the end.
-        order: of the error in the step: 2, 4, 6 or 8.
-        with_alpha: also return the angular acceleration, whose error is of one order less (in the middle of uniform
-            steps, of the same).
+        order: order of the error in the time step: 2, 4, 6 (the default) or 8.
+        with_alpha: whether to return the angular acceleration too. The order of its error is lower by one, except in
+            the middle of uniform time steps. False by default.
 
     Returns:
-        omega, world axes [rad/s]; shape (..., N, 3). With alpha, (omega, alpha). A sample that is not finite makes
-        those not finite whose stencil it is in.
+        omega, world axes [rad/s]; shape (..., N, 3). With `with_alpha`, (omega, alpha), where alpha [rad/s^2] has the
+        same shape. Where S is not finite, the results that depend on this sample are not finite either.
 
     Raises:
-        ArgumentError: t does not increase or is not finite; an unknown order; samples turn by pi or more on the way
-            from one to a neighbour that is used, so that the rotation vector would be ambiguous. (A turn of more
-            than pi from one sample to the next cannot be seen.)
-        RotationError: a finite S is no rotation.
+        ArgumentError: t is not increasing or not finite; order is not one of these; or the body turns by pi or more
+            between a sample and a neighbour that is used, so that the rotation vector would be ambiguous. (A turn
+            of more than pi from one sample to the next cannot be detected.)
+        RotationError: a finite S is not a rotation.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -46,7 +46,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
 
     Returns:
         S, body to world; shape (..., 3, 3).
@@ -76,22 +76,25 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     """Return the Euler angles (..., 3) of rotation matrices in one of 24 sequences (E10). With `with_lock`, return
     (angles, locked), where locked is True at gimbal lock. Raise RotationError where S is not a rotation.
 
-    The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis is also the last, as in XYX;
-    the others in [-pi, pi].
-    At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
-    round-off decides how it is shared out (`with_lock` tells where). What holds is that the angles of a rotation S
-    give S back to 6 u (u = 2^-53) in every component, at lock too.
+    The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
+    [0, pi]. The other two angles lie in [-pi, pi].
+
+    At gimbal lock only the sum or the difference of the first and the third angle is determined. Round-off decides
+    how it is divided between the two angles; no convention is applied. The angles of a rotation S reproduce S with an
+    error of at most 6 u (u = 2^-53) in every component, at gimbal lock too.
 
     Args:
-        S: body to world; shape (..., 3, 3).
-        sequence: one of 24; upper case intrinsic, lower case extrinsic.
-        with_lock: also return where gimbal lock is, by the measure of `euler_rates`.
+        S: rotations, body to world; shape (..., 3, 3).
+        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        with_lock: whether to return also which samples are at gimbal lock, as `euler_rates` defines it. False by
+            default.
 
     Returns:
-        Angles in the order of the letters [rad]; shape (..., 3). With `with_lock`: (angles, locked); shape (...,).
+        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, (angles, locked), where
+        locked is a bool array of shape (...,).
 
     Raises:
-        RotationError: a finite S is no rotation.
+        RotationError: a finite S is not a rotation.
 
     >>> import hingepair as hp
     >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
@@ -123,12 +126,12 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences (E4). Omega is in
-    world axes.
+    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences (E4). The
+    angular velocity omega is in world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
 
     Returns:
         J; shape (..., 3, 3).
@@ -167,16 +170,17 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
-        sequence: one of 24; upper case intrinsic, lower case extrinsic.
-        at_lock: "raise" an error at gimbal lock, or return the "least_squares" rates there: the smallest phi' whose
-            J phi' is nearest to omega. Gimbal lock is where abs(cos phi_y), or abs(sin phi_y) where the first axis is
-            also the last, is below 1e-12; for angles in float32, below 5e-4.
+        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        at_lock: "raise" (the default) to raise an error at gimbal lock; "least_squares" to return there the smallest
+            phi' for which J phi' is nearest to omega. Gimbal lock is where the magnitude of the cosine of the middle
+            angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first axis is also the last,
+            such as XYX, it is the magnitude of the sine.
 
     Returns:
-        phi' [rad/s]; shape (..., 3).
+        The rates phi' [rad/s]; shape (..., 3).
 
     Raises:
-        GimbalLockError: J has no inverse at some sample, and at_lock is "raise".
+        GimbalLockError: a sample is at gimbal lock, where J has no inverse, and at_lock is "raise".
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -249,12 +253,12 @@ class EulerKinematics(Frozen):
     With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
 
     Attributes:
-        J: (..., 3, 3).
-        J_inverse: (..., 3, 3); NaN where `euler_rates` raises, nearer to lock than 1e-12 (float32: 5e-4).
-        J_dot: rate of J; (..., 3, 3) 1/s; None where phid was not given.
-        condition: of J in the 2-norm: by how much a relative error of omega may grow in phi'; 1 at best, inf at lock;
-            (...,).
-        lock_distance: angle between the middle angle and the nearest one at gimbal lock, in [0, pi/2]; (...,) rad.
+        J: shape (..., 3, 3).
+        J_inverse: shape (..., 3, 3); NaN at gimbal lock as `euler_rates` defines it.
+        J_dot: time derivative of J [1/s]; shape (..., 3, 3); None if phid was not given.
+        condition: condition number of J in the 2-norm; shape (...,). It is the largest factor by which a relative
+            error of omega grows in phi'; at least 1, and inf at gimbal lock.
+        lock_distance: distance of the middle angle from the nearest gimbal lock [rad], in [0, pi/2]; shape (...,).
     """
 
     J: FloatArray
@@ -268,19 +272,21 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     """Return the `EulerKinematics` of Euler angles phi (E4): J, J^-1, the condition number of J and the distance from
     gimbal lock. If the rates phid are given, J' is included.
 
-    The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
-    sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).
+    J is the matrix of omega = J phi', with the angular velocity omega in world axes. Its columns are the axes of the
+    three rotations. The second axis is perpendicular to the first and the third. If g is the cosine of the angle
+    between the first and the third axis, the singular values of J are sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and
+    the condition number is (1 + abs(g)) / sqrt(1 - g^2).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        phid: their rates [rad/s]; shape (..., 3).
-        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        phid: rates of the angles [rad/s]; shape (..., 3). None by default: J' is not computed.
+        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
 
     Returns:
         The `EulerKinematics`.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp

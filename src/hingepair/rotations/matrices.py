@@ -78,11 +78,11 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
     relative to body 1 about the hinge axis. The axis is normalised; raise AxisError where it is zero or not finite.
 
     Args:
-        n: axis, body-1 axes; shape (..., 3); any non-zero length.
-        psi: angle, right hand about n [rad]; shape (...,), broadcasts against n.
+        n: rotation axis of any non-zero length; shape (..., 3). For a hinge it is in body 1's axes.
+        psi: rotation angle by the right-hand rule about n [rad]; shape (...,), broadcasts against n.
 
     Returns:
-        Sh; shape (..., 3, 3).
+        Rotation matrices; shape (..., 3, 3).
 
     Raises:
         AxisError: n is zero or not finite.
@@ -103,7 +103,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of rotation vectors, which are axis times angle [rad] (E6).
 
-    Every component is right to 6 u (u = 2^-53), up to an angle of 1e15.
+    The error of every component is at most 6 u, where u = 2^-53, for angles up to 1e15.
 
     Args:
         rotvec: rotation vectors [rad]; shape (..., 3).
@@ -159,13 +159,15 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     """Return the rotation vectors (..., 3) of rotation matrices: axis times angle [rad], with the angle in [0, pi]
     (inverse of E6). Raise RotationError where S is not a rotation.
 
-    The error is at most 6 u (u = 2^-53) times the angle: to this, `rotation_log(rotation_exp(rotvec))` is rotvec.
+    The error is at most 6 u times the angle, where u = 2^-53. For a rotvec of a length below pi,
+    `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error.
 
     Args:
         S: rotations; shape (..., 3, 3).
 
     Returns:
-        Rotation vectors [rad]; shape (..., 3). At an angle of pi the sign of the axis is free; one is chosen.
+        Rotation vectors [rad]; shape (..., 3). At an angle of pi both signs of the axis are right, and one
+        of them is returned.
 
     Raises:
         RotationError: a finite S is no rotation.
@@ -249,8 +251,8 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     """Return the rotation matrices nearest to matrices (their orthogonal polar factors); NaN where a matrix is not
     finite. Raise RotationError where a determinant is not positive.
 
-    The error is at most 6 u (u = 2^-53) where M is within 1e-2 of a rotation; else it grows with the largest
-    singular value over the sum of the two smallest.
+    The error is at most 6 u, where u = 2^-53, if M is within 1e-2 of a rotation. Otherwise the error grows with the
+    ratio of the largest singular value of M to the sum of the two smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).
