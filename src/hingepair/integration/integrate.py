@@ -143,58 +143,73 @@ def integrate(
     """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12). Return a
     `Trajectory`, of a PlanarPair a `PlanarTrajectory`. Raise an error if `tol` is not reached.
 
-    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
-    constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
-    presumes a smooth motion: at a kink or across a gap they swing. Only differences of instants enter; seconds since
-    1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock instead. With
-    `magnus6` this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+    Each of the rates omega1, psid, alpha1 and psidd is one of:
 
-    `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
-    omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of
-    order 4; `dop853` is SciPy's.
+    - a constant: shape (3,) for omega1 and alpha1, a number for psid and psidd;
+    - samples at the instants t: shape (N, 3) or (N,);
+    - a callable that takes an array of times (n,) and returns an array (n, 3) or (n,), or a constant.
 
-    Arrays with leading axes are many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1
-    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,), which broadcast against each other. An axis of length 1 in the place
-    of N says that each motion has a constant rate, or a point at rest. A callable, and what has no leading axes, is
-    that of all motions. Each motion has the steps, the bits and the error of a call of its own.
+    Samples are interpolated by polynomials of degree 5, which presumes a smooth motion: at a kink or across a gap the
+    polynomials overshoot. Only differences of instants matter. Seconds since 1970 as floats are rounded to 2.4e-7 s,
+    so give the datetime64 or integer nanoseconds of the clock instead.
 
-    Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays: one task for each chunk of
-    motions. Chunks along the time are joined, since a motion is integrated as a whole. `trajectory.compute()` returns
-    the trajectory in memory.
+    The methods are:
+
+    - `magnus6` (order 6), `magnus4` and `cf4` (order 4), `rk4_quaternion` (order 4), and `midpoint` (order 2) compute
+      each step from omega1 alone. With samples, `magnus6` corresponds to the multi-sample coning correction of
+      strapdown navigation (Bortz, Miller, Savage).
+    - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
+      of order 4. It fails near gimbal lock.
+    - `dop853` is the solver of SciPy.
+
+    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1 (...,
+    N, 3), S1_0 (..., 3, 3), psi_0 (...,). The leading axes broadcast against each other. If the axis N has length 1,
+    the rate or the point of each motion is constant. A callable, or an array without leading axes, applies to all
+    motions. Each motion is integrated as by a call of its own: with the same steps, the same error estimate, and
+    bitwise the same result.
+
+    Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
+    chunk of motions. Chunks along the time are joined, since a motion is integrated as a whole.
+    `trajectory.compute()` returns the trajectory in memory.
 
     Args:
-        pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
-        t: instants [s], increasing; shape (N,). One step for each interval, more where `tol` asks for them.
-            datetime64 and integer nanoseconds since 1970 are counted from the first one, exactly.
+        pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 are numbers, and points have two
+            coordinates.
+        t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
+            integer nanoseconds are converted exactly to seconds since the first one.
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
-        R1: reference point of body 1, world axes [m]: constant, a callable of t, or an array (N, 3); or a tuple
-            (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given. Of
-            points that move without v1 or a1, v2 or a2 is None.
-        S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity unless given.
-        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 unless given.
-        psi_0: hinge angle at t[0] [rad]; shape (...,).
-        method: one of the methods above.
-        frame: axes of omega1 and alpha1, "world" or "body".
-        tol: largest error of the attitude and of psi at any instant [rad]. A callable is evaluated in at least 509
-            steps, spread over the whole time: a feature narrower than one of them may be missed, by
-            `error_estimate` as well. A jump or a kink is found, and costs some sixty steps; at an instant, none.
-        alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
-        psidd: psi'' [rad/s^2], where accelerations are wanted.
-        outputs: as for `forward_kinematics`; unless given, all of body 2 that the inputs allow; () for none.
+        R1: reference point of body 1, world axes [m]. It is a constant (3,), an array (N, 3), or a callable of t. A
+            tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one, gives its velocity and
+            acceleration too. By default it is the origin. If R1 moves and v1 (or a1) is not given, v2 (or a2) of the
+            result is None.
+        S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity by default.
+        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
+        psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
+        method: name of one of the methods above.
+        frame: axes of omega1 and alpha1: "world" (the default) or "body".
+        tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
+            interval of t is one step (`dop853` chooses its own steps). With a tolerance, a callable is evaluated in
+            at least 509 steps that cover the whole time. A feature that is narrower than a step may be missed, also
+            by `error_estimate`. A jump or a kink of a callable is found; it costs about sixty further steps, or none
+            if it is at one of the instants t.
+        alpha1: angular acceleration of body 1 [rad/s^2], needed for the acceleration of body 2.
+        psidd: hinge acceleration psi'' [rad/s^2], needed for the acceleration of body 2.
+        outputs: as for `forward_kinematics`. By default all outputs of body 2 that the inputs allow; () for none.
         backend: as for `forward_kinematics`.
 
     Returns:
         A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (..., N, 3, 3), `.quat_wxyz` (..., N, 4), `.psi`
         (..., N) rad, each attribute of its `.state` (`.R2` (..., N, 3) m, ...), `.error_estimate` and
-        `.psi_error_estimate` (...,) rad; `trajectory[i]` is the trajectory of one motion of many.
+        `.psi_error_estimate` (...,) rad. If there are many motions, `trajectory[i]` is the trajectory of one.
 
     Raises:
-        ArgumentError: an argument cannot be used, a rate is not finite (names the first index), or tol is not
-            reached; names the motion where there are many. A value of R1 that is not finite affects its own instant
-            only.
-        GimbalLockError: `euler_angles` came too near to gimbal lock, or its steps are too long.
-        MissingDependencyError: `dop853` without SciPy.
+        ArgumentError: an argument cannot be used, a rate is not finite (the error gives the first index), or tol is
+            not reached. If there are many motions, the error says which one. A value of R1 that is not finite is no
+            error: only the results at its instant are not finite.
+        GimbalLockError: with `euler_angles`, an angle changes by more than 1 rad in a step, because the motion comes
+            near gimbal lock or the steps are too long.
+        MissingDependencyError: the method is `dop853` and SciPy is not installed.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -102,12 +102,12 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def described(self) -> str:
-        """Text that names the method, for titles."""
+        """Short description that names the integration method, for titles of plots; a str."""
         return f"motion by {self.method}"
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Leading shape of the motions; () for one motion."""
+        """Shape of the leading axes of the arrays, those of the motions; () for one motion."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 
@@ -151,7 +151,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         an ArgumentError for many motions or Dask arrays.
 
         Raises:
-            ArgumentError: these are many motions, or their arrays are Dask arrays.
+            ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
         """
         if self.motions:
             expected = "one motion, such as trajectory[0] (of many: trajectory.to_xarray())"
@@ -180,29 +180,35 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         """Estimated error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding
         included. The estimate is computed at the first access.
 
-        Of many motions it is an array with a number for each, shape (...,). Of Dask arrays it is a lazy array, whose
-        tasks integrate the motions again.
+        For one motion the estimate is a number. For many motions it is an array of shape (...,). For a trajectory of
+        Dask arrays it is a lazy array, whose tasks integrate the motions again. `psi_error_estimate` is the estimated
+        error of psi.
 
-        `psi_error_estimate` is the error of psi. The estimate is within a few per cent of the error where the rates
-        are smooth and rounding is small; where a callable jumps or bends within a step, chance makes the estimate a
-        third of the error at worst, or ten times as large.
+        If the rates are smooth and rounding errors are small, the estimate is within a few per cent of the error. If
+        a callable has a jump or a kink within a step, the estimate is between a third of the error and ten times the
+        error.
 
-        For a callable the errors of steps are measured by steps of half the length or less, and by how its values at
-        the nodes and beside the instants may hide a jump or a kink between two of them. All steps are measured, or,
-        of more than 65,536, those over which values change most abruptly and one of each part of the time. A feature
-        narrower than a 509th of the time that leaves no trace in such values is missed.
+        If rates are callables, each step is compared with steps of half the length or less. The estimate also covers
+        jumps and kinks that the values of the callables do not exclude. If there are more than 65,536 steps, a
+        selection is compared: the steps over which values change most abruptly, and one in each part of the time. A
+        feature narrower than a 509th of the time may be missed.
 
-        For samples the estimate counts the error of interpolation: gaps, motion that the samples hardly follow, jumps
-        and kinks, which may be anywhere between two of them. The estimate counts the rounding of stamps to doubles,
-        single floats or decimals as far as the roughness of the values shows it. It is NaN for fewer than 4 samples.
-        Noise in the arguments is not part of it, nor are stamps whose rounding drifts too slowly to be seen in so
-        few samples, nor motion in a gap or faster than two samples a period that leaves no trace in the samples.
+        If rates are samples, the estimate covers the error of interpolation: gaps, motion that the samples hardly
+        resolve, and jumps and kinks, which may be anywhere between two samples. It also covers the rounding of time
+        stamps to doubles, single floats or decimals, as far as the values show this rounding. It is NaN for fewer
+        than 4 samples.
+
+        The estimate does not cover noise in the arguments. Nor does it cover motion that leaves no trace in the
+        samples, because it happens in a gap or is faster than two samples a period, or stamps whose rounding changes
+        too slowly to be seen in the samples.
         """
         return self._error() if isinstance(self._error, LazyValue | LazyValues) else self._error
 
     @property
     def psi_error_estimate(self) -> Any:
-        """Error of the hinge angle psi at the worst instant [rad], estimated as `error_estimate` is."""
+        """Estimated error of the hinge angle psi at the worst instant [rad]. The kind of the result and the method
+        are those of `error_estimate`.
+        """
         return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
 
     def __getattr__(self, name: str) -> Any:
@@ -228,20 +234,22 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_TrajectoryBase):
-    """The motion of a pair, as `integrate` returns it (E12); also has every attribute of its state (R2, S2, v2, ...).
+    """The motion of a pair over time, as `integrate` returns it (E12). It also has every attribute of its state: R2,
+    S2, v2 and so on.
 
-    A trajectory of many motions has arrays with leading axes, `motions` long: `trajectory[3]` is one of them,
-    `trajectory[:10]` are some, and `to_xarray` labels all. Files, tables and plots take one motion.
+    A trajectory may hold many motions over the same instants. Its arrays then have leading axes of the shape
+    `motions`, written ... below. `trajectory[3]` is the trajectory of one motion, `trajectory[:10]` that of ten, and
+    `to_xarray` returns all of them with labels. Files, tables and plots take one motion.
 
     Attributes:
         t: the instants [s]; shape (N,).
-        quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (..., N, 4).
+        quat_wxyz: attitude of body 1, body to world, as unit quaternions without jumps of sign; shape (..., N, 4).
         psi: hinge angle [rad]; shape (..., N).
         R1: reference point of body 1, world axes [m]; shape (..., N, 3).
         state: the PairState at the instants.
-        pair: the pair that moves.
-        method: the method.
-        steps: number of steps, of many motions an array (...,); 0 where SciPy chose them.
+        pair: the HingePair.
+        method: name of the integration method, such as "magnus6".
+        steps: number of steps; for many motions an array of shape (...,). It is 0 for `dop853`.
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -251,7 +259,7 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
-        """Attitude of body 1 with the scalar last; shape (..., N, 4)."""
+        """Attitude of body 1, body to world, as unit quaternions with the scalar last; shape (..., N, 4)."""
         return self.quat_wxyz[..., [1, 2, 3, 0]]
 
     @property
@@ -268,18 +276,21 @@ class Trajectory(_TrajectoryBase):
         """Return the Euler angles of body 1 or 2 [rad], continuous in time, through gimbal lock too; (..., N, 3).
         Raise an ArgumentError for body 2 without S2 among the outputs, and for Dask arrays.
 
-        Two triples of angles, and their sums with whole turns, give the same attitude; each instant has the triple
-        nearest to that of the instant before. Angles must change by less than half a turn between instants.
+        Every attitude has two triples of angles, and whole turns may be added to each angle. The triple that is
+        returned at each instant is the one nearest to the triple at the instant before. Angles must change by less
+        than half a turn between instants.
 
         Args:
-            body: 1 or 2; the second needs S2 among the outputs.
-            sequence: one of 24, as SciPy writes them; angles in the order of its letters.
+            body: 1 or 2. Body 2 needs S2 among the outputs.
+            sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic, as in
+                SciPy.
 
         Returns:
-            Angles [rad]; shape (..., N, 3).
+            Angles in the order of the sequence's letters [rad]; shape (..., N, 3).
 
         Raises:
-            ArgumentError: another body, an unknown sequence, S2 was not computed, or the arrays are Dask arrays.
+            ArgumentError: body is not 1 or 2, the sequence is unknown, S2 was not computed, or the arrays are Dask
+                arrays.
         """
         check_choice("sequence", sequence, SEQUENCE_NAMES)
         if body not in {1, 2}:
@@ -292,17 +303,19 @@ class Trajectory(_TrajectoryBase):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlanarTrajectory(_TrajectoryBase):
-    """The motion of a planar pair, as `integrate` returns it (E11, E12); also has every attribute of its state.
+    """The motion of a planar pair over time, as `integrate` returns it (E11, E12). It also has every attribute of its
+    state: R2, phi2, v2 and so on.
 
-    A trajectory of many motions has arrays with leading axes, as a `Trajectory` of many has.
+    A trajectory may hold many motions over the same instants. Its arrays then have leading axes of the shape
+    `motions`, as those of a `Trajectory`.
 
     Attributes:
         t: the instants [s]; shape (N,).
-        phi: angle of body 1 [rad]; shape (..., N). That of body 2 is `phi2`.
+        phi: angle of body 1 [rad]; shape (..., N). The angle of body 2 is `phi2`.
         psi: hinge angle [rad]; shape (..., N).
         state: the PlanarState at the instants.
-        method: the method.
-        steps: number of steps, of many motions an array (...,).
+        method: name of the integration method, such as "magnus6".
+        steps: number of steps; for many motions an array of shape (...,).
     """
 
     phi: NDArray[np.float64]
