@@ -45,15 +45,16 @@ class Linearization:
     components of x, poles, natural frequencies and damping ratios. `print` shows the poles.
 
     Attributes:
-        A: derivatives of the rates with respect to the state; shape (k, k).
-        B: derivatives of the rates with respect to a torque at the hinge; shape (k,).
+        A: derivatives of the state's rates with respect to the state; shape (k, k).
+        B: derivatives of the state's rates with respect to a torque at the hinge; shape (k,).
         names: names of the components of the state: psi and psid; for a free or pinned base, before them the common
             centre of mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small
             rotations phi of body 1, all along world axes.
         psi: hinge angle [rad].
         body1: motion of body 1 at this state; None for a base that moves as given.
         rates: derivatives of the state; 0 at an equilibrium; shape (k,).
-        poles: eigenvalues of A that are not 0 [1/s], complex ones by the half with positive imaginary part; sorted.
+        poles: eigenvalues of A that are not 0 [1/s], sorted by magnitude. Of each complex conjugate pair only the
+            eigenvalue with positive imaginary part is listed.
         natural_frequencies: absolute values of the poles [rad/s].
         damping_ratios: of each pole: 0 without damping, 1 for real poles (no oscillation), below 0 if it grows.
     """
@@ -108,27 +109,35 @@ def linearize(
     """Linearize the motion about a state; return a `Linearization` with matrices, poles, natural frequencies and
     damping ratios. Raise an ArgumentError if the hinge is held there, or no equilibrium is found.
 
-    The arguments are those of `simulate`, at one instant. Derivatives are differences of order 4.
+    The arguments have the meaning and the defaults of those of `simulate`, at one instant. Derivatives are computed
+    by finite differences of order 4.
 
     Args:
-        pair: a pair whose bodies have mass properties.
-        body1: the state of body 1; None for a base that moves as given.
+        pair: a pair whose bodies have mass properties, as for `simulate`.
+        body1: state of body 1: R and S; v and omega are zero by default. None if `base` is a callable.
         psi_0: hinge angle [rad].
-        psid_0: hinge rate [rad/s].
-        hinge_torque: torque at the hinge [N m], as for `simulate`. Friction that sticks has no linearization at rest
-            unless it has a friction_rate.
+        psid_0: hinge rate [rad/s]; 0 by default.
+        hinge_torque: torque at the hinge [N m], as for `simulate`. A HingeLoad with dry friction needs a
+            friction_rate if the hinge is at rest: friction without it holds the hinge, and the motion cannot be
+            linearized.
         force1: force on body 1 at R1, world axes [N], as for `simulate`.
-        torque1: torque on body 1, world axes [N m].
-        force2: force on body 2 at R2, world axes [N].
-        torque2: torque on body 2, world axes [N m].
+        torque1: torque on body 1, world axes [N m], as for `simulate`.
+        force2: force on body 2 at R2, world axes [N], as for `simulate`.
+        torque2: torque on body 2, world axes [N m], as for `simulate`.
         gravity: acceleration of free fall [m/s^2], as for `simulate`.
-        base: what holds body 1: "free", "pinned", "fixed", or a callable, as for `simulate`.
-        t: instant at which loads and a moving base are evaluated [s].
-        equilibrium: whether to linearize about the stable equilibrium near the state, which must be at rest.
+        base: what holds body 1: "free" (the default), "pinned", "fixed", or a callable, as for `simulate`.
+        t: instant at which loads and a callable base are evaluated [s]; 0 by default.
+        equilibrium: whether to linearize about the stable equilibrium near the given state, which must be a state of
+            rest. By default (False) the motion is linearized about the given state.
         backend: as for `forward_kinematics`.
 
+    Returns:
+        A `Linearization`: the matrices `.A` and `.B`, `.names` of the components of the state, `.psi`, `.poles`,
+        `.natural_frequencies` and `.damping_ratios`.
+
     Raises:
-        ArgumentError: an argument cannot be used, or there is no equilibrium near; names it.
+        ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the
+            error names the argument.
 
     >>> import numpy as np
     >>> import hingepair as hp

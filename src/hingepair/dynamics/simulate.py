@@ -47,11 +47,11 @@ _MAX_REMAINING_TRIAL_STEPS = 1e6  # trial steps; a motion that needs more, by it
 
 
 class SimulationError(HingePairError, RuntimeError):
-    """Error that the simulation cannot go on past the instant `t`, for the reason `why`.
+    """The simulation cannot be continued past the instant `t`, for the reason `why`.
 
     Attributes:
-        t: instant that the simulation has reached [s].
-        why: reason.
+        t: instant that the simulation reached [s].
+        why: text that gives the reason, such as a load that jumps, and what to do.
     """
 
     def __init__(self, t: float, why: str) -> None:
@@ -180,57 +180,69 @@ def simulate(
     """Simulate the motion of a pair under loads (D1-D6), from the start at t[0]. Return a `SimulatedMotion`, or a
     `SimulatedPlanarMotion`. Raise a SimulationError if the motion cannot be followed to its end.
 
-    The method is Gauss collocation of order 16 with steps by the tolerance, and attitudes on the rotation group. A
-    free pair without loads keeps its momenta to the last bit. The limits of the pair do not stop the motion;
-    `HingeLoad(stops=pair.limits)` does. A `DynamicsWarning` reports where a motion leaves a limit without a stop, and
-    where it presses far into a stop.
+    The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
+    integrated on the rotation group. If the pair is free and has no loads, momentum and angular momentum are
+    conserved to the last bit.
+
+    The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
+    `DynamicsWarning` is issued if psi leaves the limits where there is no stop, or goes far into a stop.
 
     Args:
-        pair: a pair whose bodies have mass properties (body 2 alone where the base is fixed or moves as given). A
-            PlanarPair takes forces and gravity of two components and torques of one; the start of its body 1, and
-            the motion that loads get, are as in space: R in the plane z = 0, S a turn about z, such as
-            hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
+        pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
+            For a PlanarPair, forces and gravity have two components, and torques have one. The start `body1` and the
+            `now` that callables receive are those of a spatial pair: R lies in the plane z = 0 and S is a rotation
+            about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
         t: instants [s], increasing; shape (N,).
-        body1: motion of body 1 at t[0]: R and S, and v and omega unless they are zero. None for a base that moves.
-        psi_0: hinge angle at t[0] [rad]. None for a hinge that moves as given.
-        psid_0: hinge rate at t[0] [rad/s]. None for a hinge that moves as given.
-        hinge: "free", which turns by the loads; or a callable of times (n,) that returns psi, psi' and psi'', each
-            (n,): the hinge_torque that this motion needs is then among the loads of the result.
-        hinge_torque: of body 1 on body 2 about the hinge axis [N m]: a number, a `HingeLoad` (spring, damper,
-            friction, stops), or any callable of arrays (t, psi, psid), each (n,), that returns (n,).
-        force1: on body 1 at R1, world axes [N]: shape (3,), the number 0, or a callable of (t, now) that returns
-            (n, 3); `now` has R1, S1, v1, omega1, psi and psid at the instants t.
-        torque1: on body 1, world axes [N m]; as for force1.
-        force2: on body 2 at R2, world axes [N]; as for force1.
-        torque2: on body 2, world axes [N m]; as for force1.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), along -z unless given; in the plane (2,),
-            along -y.
-        base: "free"; "pinned", where R1 stays where it starts and body 1 turns about it (in space as in a ball
-            joint); "fixed", where body 1 stays as it starts; or a callable of times (n,) that returns the
-            BodyMotion of body 1, with v, omega, a and alpha.
-        breaks: instants at which loads jump [s]; shape (M,). Steps end there, and callables are evaluated just
-            before and after them. Without breaks, pulses are found that are longer than 1/8000 of the motion, or at
-            an instant.
-        until: event that ends the motion where its value passes 0: a callable of (t, now), as for a force, that
-            returns (n,). That instant is the last of the result. Its attribute `direction` is as for SciPy's
-            events: 1, where the value rises; -1, where it falls; 0, both. Where an impact makes the value jump across
-            0, the result ends with the motion before the impact. A value that comes to 0 at a rigid stop, or where
-            friction stops the hinge, has passed 0, even if it stays there or turns back. Elsewhere a value that only
-            touches 0 is not found: for a turning point return now.psid, and instead of a quantity that stays at 0,
-            such as np.maximum(1 - now.psi, 0), one that goes on below 0, 1 - now.psi.
-        tol: largest error of a step [rad], for positions times the pair's levers; from 1e-14 to 1e-2.
-        outputs: as for `forward_kinematics`; all of body 2 unless given.
+        body1: motion of body 1 at t[0]: R and S; v and omega are zero by default. None if `base` is a callable.
+        psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
+        psid_0: hinge rate at t[0] [rad/s]. None if `hinge` is a callable.
+        hinge: "free" (the default), so that the loads determine the motion of the hinge; or a callable of times (n,)
+            that returns psi, psi' and psi'', each (n,). The loads of the result then contain the hinge_torque that
+            this motion needs.
+        hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
+            `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
+            returns (n,).
+        force1: force on body 1 at R1, world axes [N]: shape (3,), the number 0 (the default), or a callable of
+            (t, now) that returns (n, 3), where t are n instants and `now` has R1, S1, v1, omega1, psi and psid at
+            these instants.
+        torque1: torque on body 1, world axes [N m]; in the same form as force1.
+        force2: force on body 2 at R2, world axes [N]; in the same form as force1.
+        torque2: torque on body 2, world axes [N m]; in the same form as force1.
+        gravity: acceleration of free fall, world axes [m/s^2]; (0, 0, -9.81) by default, for a PlanarPair
+            (0, -9.81).
+        base: what holds body 1, one of:
+
+            - "free" (the default): nothing;
+            - "pinned": R1 stays at its place at t[0], and body 1 turns about it (in space as on a ball joint);
+            - "fixed": body 1 stays at its pose at t[0];
+            - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha.
+        breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and
+            callables are evaluated just before and just after them. A pulse of a load that is not named here is found
+            if it is longer than 1/8000 of the simulated time or covers one of the instants t.
+        until: event that ends the motion: a callable of (t, now), as for force1, that returns values (n,). The motion
+            ends when the value passes 0, and this instant is the last one of the result. An attribute `direction` of
+            the callable selects, as for SciPy's events, values that rise (1), that fall (-1), or both (0, the
+            default). If an impact makes the value jump across 0, the result ends with the motion before the impact. A
+            value that reaches 0 at a rigid stop, or where friction stops the hinge, counts as having passed 0, even
+            if it stays there or turns back. Otherwise a value that only touches 0 is not found. For a turning point
+            of psi return now.psid. Return a quantity that goes below 0, such as 1 - now.psi, instead of one that
+            stays at 0, such as np.maximum(1 - now.psi, 0).
+        tol: largest error of one step: of angles tol [rad]; of positions tol times the sum of the lengths of u1, u2
+            and both bodies' center_of_mass [m]; from 1e-14 to 1e-2.
+        outputs: as for `forward_kinematics`; by default all outputs of body 2.
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...; of a PlanarPair a `PlanarTrajectory`), and `.body1`, `.psid`,
-        `.psidd`, `.loads`, `.ended_by_event` (whether `until` ended the motion), `.energy()`,
-        `.momentum()` and `.energy_balance()`; `.error_estimate` of the attitude of body 1, 0 where that is given,
-        and `.psi_error_estimate` of psi [rad], computed at the first access by a second run of smaller tolerance.
+        A `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. It is a `Trajectory` (or `PlanarTrajectory`:
+        `.t`, `.S1`, `.psi`, `.R2`, ...) that also has `.body1`, `.psid`, `.psidd`, `.loads`, `.ended_by_event`
+        (whether `until` ended the motion), `.energy()`, `.momentum()` and `.energy_balance()`. `.error_estimate` is
+        the estimated error of the attitude of body 1 [rad], 0 if the base is fixed or a callable.
+        `.psi_error_estimate` is that of psi [rad]. Both are computed at the first access, by a second run with a
+        smaller tolerance.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it.
-        SimulationError: the simulation cannot go on; its `t` is the instant.
+        ArgumentError: an argument cannot be used; the error names it.
+        SimulationError: the simulation cannot be continued; `t` of the error is the instant it reached.
 
     >>> import numpy as np
     >>> import hingepair as hp

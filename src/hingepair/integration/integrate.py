@@ -162,11 +162,11 @@ def integrate(
       of order 4. It fails near gimbal lock.
     - `dop853` is the solver of SciPy.
 
-    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1 (...,
-    N, 3), S1_0 (..., 3, 3), psi_0 (...,). The leading axes broadcast against each other. If the axis N has length 1,
-    the rate or the point of each motion is constant. A callable, or an array without leading axes, applies to all
-    motions. Each motion is integrated as by a call of its own: with the same steps, the same error estimate, and
-    bitwise the same result.
+    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N),
+    R1 (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N has
+    length 1, the rate or the point of each motion is constant. A callable, or an array without leading axes, applies
+    to all motions. Each motion is integrated as by a call of its own: with the same steps, the same error estimate,
+    and bitwise the same result.
 
     Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
     chunk of motions. Chunks along the time are joined, since a motion is integrated as a whole.
