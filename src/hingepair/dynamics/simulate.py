@@ -84,10 +84,10 @@ class _SimulatedMotionBase:
     @property
     def error_estimate(self) -> float:
         """Estimated error of body 1's attitude or angle phi, not psi, at the worst instant [rad], computed by a
-        second run at first access. The estimate is 0 where the base is fixed or moves as given.
+        second run at first access. The estimate is 0 if the base is fixed or prescribed.
 
-        For the error of psi, see `psi_error_estimate`. The second run has a thousandth of the tolerance, and gives
-        both estimates.
+        `psi_error_estimate` is the estimated error of psi. The second run has a thousandth of the tolerance, and
+        computes both estimates.
         """
         return self._error()
 
@@ -133,9 +133,9 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
         loads: loads by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); for a
             `HingeLoad` also the parts of hinge_torque: motor_torque, and spring_torque, damper_torque,
             friction_torque and stop_torque where there are any, (N,).
-        space: the pair as a pair in space.
+        space: the pair; for a PlanarPair, the HingePair with the same planar dynamics.
         gravity: acceleration of free fall, world axes [m/s^2]; three components.
-        base: what holds body 1: "free", "pinned", "fixed", or "prescribed" where it moves as given.
+        base: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable.
         ended_by_event: whether `until` ended the motion before the last instant that was asked for.
     """
 
@@ -177,8 +177,8 @@ def simulate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
-    """Simulate the motion of a pair under loads (D1-D6), from the start at t[0]. Return a `SimulatedMotion`, or a
-    `SimulatedPlanarMotion`. Raise a SimulationError if the motion cannot be followed to its end.
+    """Simulate the motion of a pair under loads (D1-D6) from the state at t[0]. Return a `SimulatedMotion`, for a
+    PlanarPair a `SimulatedPlanarMotion`. Raise a SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
     integrated on the rotation group. If the pair is free and has no loads, momentum and angular momentum are

@@ -141,7 +141,7 @@ def integrate(
     backend: str = "auto",
 ) -> Any:
     """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12). Return a
-    `Trajectory`, of a PlanarPair a `PlanarTrajectory`. Raise an error if `tol` is not reached.
+    `Trajectory`, for a PlanarPair a `PlanarTrajectory`. Raise an ArgumentError if `tol` cannot be reached.
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 

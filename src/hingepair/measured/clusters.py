@@ -49,9 +49,9 @@ class ClusterFit:
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
-    """Fit the poses of a body, sample by sample, to the recorded positions of markers fixed on it, by least squares
-    (Kabsch's algorithm); return a ClusterFit. Fit the markers' places on the body too unless `reference` gives them.
-    Raise FitError where the markers do not determine the attitude.
+    """Fit the pose of a body at each sample to the recorded positions of markers that are fixed on the body, by least
+    squares (Kabsch's algorithm), and return a ClusterFit. Without `reference`, fit the places of the markers on the
+    body too. Raise FitError if the markers do not determine the attitude.
 
     Args:
         markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3). There

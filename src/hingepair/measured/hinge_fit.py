@@ -71,12 +71,12 @@ class EncoderFit:
     the noise of the encoder and the standard deviations of zero and scale.
 
     Attributes:
-        zero: psi where the encoder reads 0 [rad].
+        zero: hinge angle psi at which the encoder reads 0 [rad].
         scale: psi per unit of the reading: 1 for an encoder in radians that turns with psi, -1 for one that turns
             against it.
-        noise: standard deviation of the encoder, as a hinge angle [rad]; poorly known where the noise of the
-            attitudes is larger.
-        std: standard deviations of zero and scale, by name.
+        noise: standard deviation of the encoder, as a hinge angle [rad]; it is inaccurate where the noise of
+            the attitudes is larger.
+        std: dict of the standard deviations of zero and scale.
     """
 
     zero: float

@@ -84,9 +84,11 @@ class DaskCollection:
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
-        """Return the result with NumPy arrays, which Dask computes together; return itself if it has no Dask arrays.
+        """Compute all Dask arrays of this result together and return a result of the same class with NumPy arrays.
+        If the result has no Dask arrays, return the result itself.
 
-        `options` are those of `dask.compute`.
+        Args:
+            options: keyword arguments that are passed to `dask.compute`.
         """
         if not self._dask_arrays():
             return self

@@ -49,7 +49,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
         sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
 
     Returns:
-        S, body to world; shape (..., 3, 3).
+        Rotation matrices, body to world; shape (..., 3, 3).
 
     Raises:
         ArgumentError: phi or sequence cannot be used.

@@ -74,8 +74,9 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation matrix by the angle psi about the axis n, shape (..., 3, 3) (E6), such as that of body 2
-    relative to body 1 about the hinge axis. The axis is normalised; raise AxisError where it is zero or not finite.
+    """Return the matrix (..., 3, 3) of the rotation by the angle psi about the axis n (E6), such as the rotation of
+    body 2 relative to body 1 about the hinge axis. The axis is normalised; raise AxisError if it is zero or not
+    finite.
 
     Args:
         n: rotation axis of any non-zero length; shape (..., 3). For a hinge it is in body 1's axes.
@@ -109,7 +110,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
         rotvec: rotation vectors [rad]; shape (..., 3).
 
     Returns:
-        S; shape (..., 3, 3).
+        Rotation matrices; shape (..., 3, 3).
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -170,7 +171,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
         of them is returned.
 
     Raises:
-        RotationError: a finite S is no rotation.
+        RotationError: a finite S is not a rotation.
 
     >>> import hingepair as hp
     >>> hp.rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
