@@ -107,7 +107,7 @@ def linearize(
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion about a state; return a `Linearization` with matrices, poles, natural frequencies and
-    damping ratios. Raise an ArgumentError if the hinge is held there, or no equilibrium is found.
+    damping ratios. Raise an ArgumentError if friction or a stop holds the hinge, or if no equilibrium is found.
 
     The arguments have the meaning and the defaults of those of `simulate`, at one instant. Derivatives are computed
     by finite differences of order 4.

@@ -334,8 +334,8 @@ def fit(
         The fit. Check `.ok` and `.findings` before its numbers are used.
 
     Raises:
-        FitError: the samples do not determine a hinge: there are too few of them, or the bodies do not turn relative
-            to each other.
+        FitError: the samples do not determine a hinge: fewer than two have both poses (fewer than four if body 2 is
+            a point), or the bodies do not turn relative to each other.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

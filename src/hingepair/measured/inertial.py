@@ -121,8 +121,8 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
-    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on each body; return an AxisFit.
-    Raise FitError where samples are too few or neither body turns.
+    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on each body, and return an
+    AxisFit. Raise FitError if there are too few samples or neither body turns.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where a sample

@@ -79,8 +79,8 @@ def fit_angle(
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
     """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge (see `fit_axis`
-    and `fit_anchor`); return an AngleFit. `gaps` is the longest time without samples over which rates are integrated
-    [s]. Raise FitError where samples are too few.
+    and `fit_anchor`), and return an AngleFit. `gaps` is the longest time without samples over which rates are
+    integrated [s]. Raise FitError if there are too few samples.
 
     Both sensors measure two vectors in the axes of their bodies: the specific force at the hinge point, and the part
     of the angular velocity that is perpendicular to the axis. The directions of such a vector in the axes of both

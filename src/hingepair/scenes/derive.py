@@ -41,7 +41,7 @@ def derive(
     the number that its shortest decimal form shows: 0.1 becomes 1/10. An axis is recognised as exact if the squares
     of its components are rational numbers with denominators up to 1000: (1, 1, 0) gives components sqrt(2)/2.
     Products of sines and cosines become sums where the sum is not longer. The written forms (text, LaTeX, Python)
-    show a constant as an exact expression unless its 17 digits are shorter.
+    show a constant as an exact expression unless its decimal form with 17 digits is shorter.
 
     A robot's base rests at the origin. Joints with parallel axes give sums of angles such as c_23 = cos(q_2 + q_3).
     Sums that occur several times are named k_1, k_2. If a URDF file has right angles that are rounded to a few
