@@ -527,12 +527,10 @@ class MechanismScene(SampledScene):
             A `MechanismSceneForces` with these attributes:
 
             - tau, (samples, dof): torques of hinges [N m] and forces of sliders [N];
-            - force1 [N] and torque1 [N m], (samples, 3): the load on the base about its reference point; if the base
-            is
-              fixed, its reaction;
+            - force1 [N] and torque1 [N m], (samples, 3): the load on the base about its reference point; of a fixed
+              base, its reaction;
             - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
-            its
-              effort, its extremes beside its limits, and the effect of the noise of a log;
+              its effort, its extremes beside its limits, and the effect of the noise of a log;
             - notes: sentences on limits that are exceeded and on that noise.
 
         Raises:
