@@ -452,7 +452,7 @@ class Scene(SampledScene):
             - bearing_torque [N m], (N, 3): torque of body 1 on body 2 perpendicular to the axis;
             - force1 [N] and torque1 [N m], (N, 3): the load that must act on body 1 at R1, if it has mass properties;
             - gravity: the gravity that was used;
-            - notes: sentences on forces that are not finite, on the torque_limit of the pair and on the noise of a log;
+            - notes: sentences on forces that are not finite, on the torque_limit of the pair and on noise of a log;
             - noise: standard deviation that the noise of a log causes in each array.
 
             In the plane, forces have two components, torques one, and there is no bearing torque. If [dynamics]
