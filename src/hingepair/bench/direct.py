@@ -61,7 +61,9 @@ _TABLE_NOTE = (
 def measure_kinematics(
     sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_fresh_processes: bool
 ) -> Report:
-    """Measure forward kinematics at all sizes and levels, in fresh processes too if asked; return the report.
+    """Measure run times and errors of forward kinematics by all methods at all batch sizes and levels ("pose",
+    "velocity", "acceleration"), `repeats` times each; return the report. `with_cpp` compiles and adds Pinocchio's C++
+    loop, `with_fresh_processes` adds imports and first calls in fresh processes.
 
     Args:
         sizes: batch sizes.
@@ -87,7 +89,9 @@ def measure_kinematics(
 def measure_batches(
     methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int
 ) -> list[Row]:
-    """Measure all methods at all batch sizes; return the rows. A method with a limit computes fewer samples."""
+    """Measure run times and errors of all methods at every level ("pose", "velocity", "acceleration") and batch size,
+    `repeats` times; return the table rows. A method with a limit computes fewer samples.
+    """
     rng = np.random.default_rng(20)
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rows: list[Row] = []
@@ -113,8 +117,8 @@ def measure_batches(
 
 
 def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
-    """Measure calls whose outputs begin at several byte offsets from a cache line, and plain copying; return the
-    rows.
+    """Measure run times of batches of `size` states whose output arrays begin at several byte offsets from a cache
+    line, and of plain copying, at each named level; return the table rows, none for one state.
     """
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
@@ -135,7 +139,8 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
 
 
 def allocate_at_offset(shape: tuple[int, ...], offset_bytes: int) -> NDArray[np.float64]:
-    """Return an array that begins `offset_bytes`, a multiple of 8, after the start of a cache line.
+    """Return a float64 array of ones with the given shape, whose data begins `offset_bytes`, a multiple of 8, after
+    the start of a cache line.
 
     Every memory page of the array has been written to.
     """
@@ -146,7 +151,9 @@ def allocate_at_offset(shape: tuple[int, ...], offset_bytes: int) -> NDArray[np.
 
 
 def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: ExactResults) -> dict[str, float]:
-    """Return the largest error of each method [u * scale], by its name; inf if the method refuses a state."""
+    """Compute the states of `exact_results` by each method; return a dict of its largest error [u * scale] by the
+    method's name. The error is inf if the method refuses a state; methods that only copy are left out.
+    """
     largest_errors = {}
     for method in methods:
         task = make_kinematics_task(pair, exact_results.motion, exact_results.outputs)
@@ -162,7 +169,8 @@ def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: Exa
 
 
 def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
-    """Return the picture's panels: error against run time at the largest batch size, a panel for each level.
+    """Return a list of the picture's panels, made from the table rows: one panel for each level, with a curve of
+    error against run time for each method at the largest batch size.
 
     Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
@@ -185,7 +193,9 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
 
 
 def measure_single_states(repeats: int) -> list[Row]:
-    """Measure the construction of a pair, and a control cycle of one state; return the rows."""
+    """Measure the run times of the construction of a pair, and of a control cycle of one state by hingepair and
+    Pinocchio, `repeats` times each; return the table rows.
+    """
     print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rng = np.random.default_rng(21)
@@ -245,7 +255,9 @@ BACKEND_NAMES = ("auto", "numpy", "compiled")
 
 
 def measure_fresh_processes(repeats: int) -> list[Row]:
-    """Measure imports, the run of a scene and sequences of calls, each in a fresh process; return the rows."""
+    """Measure the run times of imports, of the run of a scene and of sequences of calls, `repeats` times, each in a
+    fresh process; return the table rows.
+    """
     num_sequences = len(BATCH_SIZES_BY_SEQUENCE_NAME)
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
@@ -288,7 +300,9 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
 
 
 def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
-    """Run Python code in a fresh process; return the seconds that it writes last to standard error."""
+    """Run Python code in a fresh process with the environment variables of `environment`. Return the run time [s],
+    which is the last number that the code prints to standard error. A failing process raises a CalledProcessError.
+    """
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )

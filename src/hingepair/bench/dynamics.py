@@ -71,7 +71,9 @@ def make_pair_with_masses() -> HingePair:
 
 
 def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
-    """Measure inverse and forward dynamics of one state and of a batch, and simulations; return the report."""
+    """Measure run times of inverse and forward dynamics of one state and of `batch_size` states, and of simulations
+    if SciPy is installed, `repeats` times each; return the report. `with_cpp` compiles and adds Pinocchio's C++ loop.
+    """
     pair, rows = make_pair_with_masses(), list[Row]()
     methods, notes = available_methods(
         COMPARED_DYNAMICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(with_cpp, PAIR_LOOP_SOURCE, DYNAMICS_FLAG)}
@@ -92,7 +94,10 @@ def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
 
 
 class DynamicsTask(NamedTuple):
-    """Random states of a pair with accelerations and the forces that cause them; a method computes one of the two."""
+    """Random states of a pair with accelerations and the forces that cause them. A method computes the forces if
+    `is_inverse`, else the accelerations. `body1` is the motion of body 1, `hinge` holds psi, psi', psi'', and `rows`
+    are Pinocchio's arguments.
+    """
 
     pair: HingePair  # with masses
     is_inverse: bool  # whether forces are computed; otherwise accelerations are
@@ -103,7 +108,8 @@ class DynamicsTask(NamedTuple):
 
 
 def make_dynamics_task(pair: HingePair, is_inverse: bool, count: int) -> DynamicsTask:
-    """Return a task of `count` random states: forces are to be computed if `is_inverse`, else accelerations.
+    """Return a task of `count` random states of a pair with masses. A method is to compute the forces if
+    `is_inverse`, else the accelerations.
 
     Args:
         pair: a pair with masses.
@@ -124,7 +130,9 @@ def make_dynamics_task(pair: HingePair, is_inverse: bool, count: int) -> Dynamic
 
 
 def hingepair_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that calls the pair's `inverse_dynamics` or `forward_dynamics` for all states at once."""
+    """Return a job, a function without arguments, that calls the pair's `inverse_dynamics` if the task is inverse,
+    else `forward_dynamics`, for all states at once and returns the result.
+    """
     pair, _, body1, (psi, psid, psidd), (force1, torque1, hinge), _ = task
     if task.is_inverse:
         return lambda: pair.inverse_dynamics(body1, psi, psid, psidd)
@@ -132,7 +140,9 @@ def hingepair_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def prepared_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that calls the result of `pair.prepare` with one state, whose attitude is a quaternion."""
+    """Return a job that computes inverse or forward dynamics of the task's first state by the result of
+    `pair.prepare`, and returns a tuple of the outputs. The attitude is given as a quaternion.
+    """
     psi, psid, psidd = map(float, task.hinge[:, 0])
     body1: Any = task.body1
     quat, omega, a, alpha = (x[0].copy() for x in (task.rows[0][:, 3:7], body1.omega, body1.a, body1.alpha))
@@ -148,7 +158,8 @@ def prepared_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that loops over the states in Python and calls Pinocchio.
+    """Return a job that calls Pinocchio's inverse or forward dynamics for each state of the task in a Python loop.
+    The job returns an array with a row for each state, and for a single state a tuple of parts.
 
     The results of a single state are read out part by part; those of many states are copied into an array.
     """
@@ -176,14 +187,18 @@ def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def pinocchio_cpp_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that loops over the states in C++ and calls Pinocchio."""
+    """Return a job that calls Pinocchio's inverse or forward dynamics for each state of the task in a C++ loop, and
+    returns an array with a row for each state.
+    """
     results = np.ones_like(task.rows[1])
     arguments = [int(task.is_inverse), len(results), *task.rows, results]
     return make_cpp_job(task.pair, arguments, results, with_dynamics=True)
 
 
 def mujoco_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that loops over the states in Python and calls MuJoCo on the model that `to_mjcf` exports."""
+    """Return a job that calls MuJoCo's inverse or forward dynamics for each state of the task in a Python loop, on
+    the model that `to_mjcf` exports. The job returns an array with a row for each state.
+    """
     import mujoco as mj
 
     model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
@@ -221,7 +236,9 @@ TUMBLING_SIMULATION_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULAT
 
 
 def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
-    """Measure the simulation of a tumbling pair with a hinge spring, and by SciPy's DOP853; return the rows."""
+    """Measure run times and errors of the simulation of a tumbling pair with a hinge spring, by hingepair and by
+    SciPy's DOP853, `repeats` times; return the table rows.
+    """
     truth = scipy_simulation_job(pair, 1e-13)()
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_INITIAL_OMEGA)
 
@@ -248,7 +265,9 @@ _STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0
 
 
 def measure_stiff_simulation(repeats: int) -> list[Row]:
-    """Measure the simulation of a motor-driven wheel with stiff friction, and by SciPy's solvers; return the rows."""
+    """Measure run times and errors of the simulation of a motor-driven wheel with stiff friction, by hingepair and by
+    SciPy's Radau and LSODA, `repeats` times; return the table rows.
+    """
     from scipy.integrate import solve_ivp
 
     times = np.linspace(0, 0.2, 21)  # [s]
@@ -287,7 +306,9 @@ def _measure_at_max_error(
     error_of_result: Callable[[Any], float],
     repeats: int,
 ) -> list[Row]:
-    """Time each method at the coarsest tolerance whose error is MAX_SIMULATION_ERROR_RAD at most; return the rows.
+    """Measure the run time of each method, `repeats` times, at the coarsest tolerance whose error is
+    MAX_SIMULATION_ERROR_RAD at most; return the table rows of the case. `job_maker_by_method` holds functions from a
+    tolerance to a job; `error_of_result` returns the error of a job's result.
 
     Args:
         case: name of the case.
@@ -307,14 +328,18 @@ def _measure_at_max_error(
 
 
 def simulation_error(simulation: tuple[Array, Array], truth: tuple[Array, Array]) -> float:
-    """Return the largest difference of attitude and psi [rad] of two simulations, each (quat_wxyz, psi)."""
+    """Return the largest difference of attitude or psi [rad] between a simulation and the true one, as a float. Both
+    are tuples of arrays (quat_wxyz, psi).
+    """
     one, other = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (simulation[0], truth[0]))
     gap = np.minimum(np.linalg.norm(one - other, axis=-1), np.linalg.norm(one + other, axis=-1))
     return float(max(2 * gap.max(), np.abs(simulation[1] - truth[1]).max()))
 
 
 def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Array, Array]]:
-    """Return a job that simulates the tumbling pair by SciPy's DOP853; the job returns quat_wxyz and psi."""
+    """Return a job that simulates the tumbling pair by SciPy's DOP853 with `tol` as relative and absolute tolerance.
+    The job returns a tuple of arrays (quat_wxyz, psi).
+    """
     from scipy.integrate import solve_ivp
 
     rates = newton_euler_rates(pair, lambda psi: -_SPRING_STIFFNESS * psi)
@@ -337,7 +362,8 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
 
 
 def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) -> Callable[[float, Array], Array]:
-    """Return the right-hand side of a pair's equations of motion, a function of time and state for ODE solvers.
+    """Return the right-hand side of the equations of motion of a pair with masses, a function of time and state for
+    ODE solvers. `hinge_torque` is a function from psi to the hinge torque [N m].
 
     Args:
         pair: a pair with masses.

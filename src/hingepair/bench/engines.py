@@ -46,7 +46,8 @@ _CPP_REQUIREMENTS_TEXT = (
 
 
 def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any) -> list[Array]:
-    """Return Pinocchio's q, v, a of a pair's motion as a list, as many as `hinge_motion` has levels.
+    """Return a list of Pinocchio's q, v, a of a pair's motion, as many of the three as `hinge_motion` has arrays:
+    psi; psi and psi'; or psi, psi' and psi''. `body1` is the motion of body 1.
 
     Args:
         pair: the pair.
@@ -59,7 +60,8 @@ def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any)
 
 
 def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
-    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays.
+    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays. The linear
+    rates in world axes, one further argument each for v and a, replace the first three columns of v and a.
 
     MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
@@ -73,7 +75,8 @@ def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Ar
 
 
 def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
-    """Return a job that calls Pinocchio's C++ loop over a pair; the loop fills `results`, which the job returns.
+    """Compile Pinocchio's C++ loop over a pair, for kinematics or `with_dynamics`, and return a job that calls it
+    with `arguments`, of which arrays are passed by address. The loop writes into `results`, which the job returns.
 
     Args:
         pair: the pair.
@@ -106,7 +109,8 @@ def _address(value: Any) -> Any:
 
 @functools.cache
 def compile_library(source_name: str, *flags: str) -> Any:
-    """Compile a C++ file of this folder, which takes up to two minutes; return it as a cached ctypes library.
+    """Compile the C++ file `source_name` of this folder with further compiler flags, which takes up to two minutes;
+    return it as a ctypes library, cached. Raise a MissingDependencyError if the compiler or a header is missing.
 
     Args:
         source_name: name of the file.
@@ -142,7 +146,7 @@ def compile_library(source_name: str, *flags: str) -> Any:
 
 
 def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
-    """Compile the C++ loops over a pair, with dynamics or without; return the ctypes library.
+    """Compile the C++ loops over a pair, those of dynamics too if `with_dynamics`; return the ctypes library.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
@@ -160,7 +164,8 @@ def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
 
 
 def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
-    """Compile a C++ file if it is requested; return why its loops cannot be measured, or None if they can.
+    """Compile a C++ file if `is_requested`. Return a text that says why its loops cannot be measured (not requested,
+    or no compiler), or None if they can.
 
     Args:
         is_requested: whether the user asks for them by --cpp.

@@ -72,7 +72,9 @@ _TRUE_HOME_ROTVEC = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
 
 
 class RecordedPoses(NamedTuple):
-    """Recorded poses of both bodies; positions have shape (N, 3), rotations body to world (N, 3, 3)."""
+    """Recorded poses of both bodies: positions R1, R2 of shape (N, 3), and rotations S1, S2 from body to world axes,
+    shape (N, 3, 3).
+    """
 
     R1: Array
     S1: Array
@@ -81,7 +83,9 @@ class RecordedPoses(NamedTuple):
 
 
 class InertialRecording(NamedTuple):
-    """Readings of gyroscopes and accelerometers on both bodies, in the axes of their bodies; shapes (N, 3)."""
+    """Readings on both bodies in their axes, shape (N, 3) each: omega1, omega2 of the gyroscopes [rad/s], and f1, f2
+    of the accelerometers [m/s^2].
+    """
 
     omega1: Array  # [rad/s]
     f1: Array  # [m/s^2]
@@ -90,7 +94,9 @@ class InertialRecording(NamedTuple):
 
 
 class FittedHinge(NamedTuple):
-    """The hinge that a method finds: its axis and its point, in the axes of each body."""
+    """The hinge that a method finds: its axis in the axes of body 1 (n) and of body 2 (n_body2), and its point in the
+    axes of each body (u1, u2).
+    """
 
     n: Array  # axis in the axes of body 1
     n_body2: Array  # axis in the axes of body 2: home^T n
@@ -99,14 +105,19 @@ class FittedHinge(NamedTuple):
 
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
-    """Measure fits of a hinge to poses, and of its axis to gyroscopes, also by other packages; return the report."""
+    """Measure run times and errors of fits of a hinge to poses, and of its axis to gyroscopes, by hingepair and other
+    packages; return the report. `sizes` are the numbers of samples of the recordings; each run is timed `repeats`
+    times.
+    """
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
     return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
 
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
-    """Measure fits to poses of several lengths, with noise alone and with outliers too; return the rows."""
+    """Measure run times and errors of fits of a hinge to simulated poses, with noise alone and with outliers too;
+    return the table rows. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats` times.
+    """
     rows: list[Row] = []
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
@@ -133,7 +144,10 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
 
 
 def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
-    """Measure fits of the axis to gyroscopes; return the rows, and a sentence for each method left out."""
+    """Measure run times and errors of fits of the hinge axis to simulated gyroscopes, without and with biases; return
+    the table rows, and a list of notes on the methods left out. `sizes` are the numbers of samples of the recordings;
+    each fit is timed `repeats` times.
+    """
     methods, notes = available_methods(
         (
             Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
@@ -157,7 +171,9 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
 
 
 def _axis_rows(case: str, methods: Sequence[Method], count: int, bias_std: float, repeats: int) -> list[Row]:
-    """Measure fits of the axis to gyroscopes whose biases have a standard deviation [rad/s]; return the rows."""
+    """Measure run times and errors of each method that fits the hinge axis to recordings of `count` samples; return
+    the table rows of the case. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
+    """
     seeds = range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
     tasks = [(make_inertial_recording(count, bias_std, seed), bias_std) for seed in seeds]
     errors: dict[str, float] = {}
@@ -176,7 +192,9 @@ def _axis_job(
 
 
 def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """Return (positions (N, 3), SciPy rotations) of body 1 and of body 2 at instants t of shape (N,)."""
+    """Return the pose of body 1 and that of body 2 at instants t, shape (N,). Each is a tuple of positions, shape (N,
+    3), and a SciPy Rotation of N rotations.
+    """
     from scipy.spatial.transform import Rotation
 
     psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
@@ -187,7 +205,9 @@ def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
 
 
 def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialRecording:
-    """Simulate `count` noisy readings of gyroscopes and accelerometers on both bodies over ten seconds.
+    """Simulate `count` noisy readings of gyroscopes and accelerometers on both bodies over ten seconds; return the
+    InertialRecording. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s]; `seed` determines noise
+    and biases.
 
     Args:
         count: samples.
@@ -209,24 +229,30 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
 
 
 def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
-    """Return n1, n2 by `hingepair.fit_axis`, which takes the standard deviation of biases."""
+    """Return n1, n2, the hinge axis in each body's axes, by `hingepair.fit_axis`, which takes the standard deviation
+    of the gyroscopes' biases [rad/s].
+    """
     axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
     return axis_fit.n1, axis_fit.n2
 
 
 def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Fit the axis by qmt with the residuals of the gyroscopes alone; the sign of n2 is not determined then."""
+    """Return n1, n2, the hinge axis in each body's axes, as the package qmt fits it to the gyroscopes alone; the sign
+    of n2 is not determined then. The second argument is ignored.
+    """
     return _axis_by_qmt(recording, {"residuals": [1]})
 
 
 def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Fit the axis by qmt to gyroscopes and accelerometers, with its own weights."""
+    """Return n1, n2, the hinge axis in each body's axes, as the package qmt fits it to gyroscopes and accelerometers
+    with its default settings. The second argument is ignored.
+    """
     return _axis_by_qmt(recording, None)
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, as the package qmt estimates it with its settings; shape
-    (3,) each.
+    """Return n1, n2, the hinge axis in each body's axes, shape (3,) each, as the package qmt fits it to a recording.
+    `settings` are options of qmt; None stands for its defaults.
     """
     import qmt
 
@@ -237,7 +263,9 @@ def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) 
 
 
 def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
-    """Return the largest component of the errors of both axes, signs not counted, and whether n2's sign is wrong."""
+    """Compare the fitted axes n1, n2 with the true ones. Return the largest component of their errors, signs not
+    counted, and whether the sign of n2 relative to n1 is wrong.
+    """
     truth = true_hinge()
     signs = [float(np.sign(axis @ true)) for axis, true in ((n1, truth.n), (n2, truth.n_body2))]
     parts = (signs[0] * n1 - truth.n, signs[1] * n2 - truth.n_body2)
@@ -245,7 +273,8 @@ def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
 
 
 def make_pose_recording(count: int, outlier_fraction: float, seed: int) -> RecordedPoses:
-    """Simulate `count` noisy poses of both bodies over ten seconds; some poses of body 2 are wrong.
+    """Simulate `count` noisy poses of both bodies over ten seconds, in which a fraction of the poses of body 2 are
+    wrong (`outlier_fraction`); return the RecordedPoses. `seed` determines the noise.
 
     Args:
         count: samples.
@@ -274,13 +303,15 @@ def relative_poses(poses: RecordedPoses) -> tuple[Array, Array]:
 
 
 def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return the hinge that `hingepair.fit` finds."""
+    """Return the hinge that `hingepair.fit` finds with the named loss function."""
     pair = fit_pair(BodyMotion(R=poses.R1, S=poses.S1), BodyMotion(R=poses.R2, S=poses.S2), loss=loss).pair
     return FittedHinge(pair.n, pair.home.T @ pair.n, pair.u1, pair.u2)
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return the hinge that SciPy fits to E1 and S1 n = S2 (home^T n), from a start that is about 0.2 off."""
+    """Return the hinge that SciPy's least_squares fits to E1 and S1 n = S2 (home^T n), with the loss function `loss`,
+    from a start about 0.2 from the true hinge. The axes are normalised.
+    """
     from scipy.optimize import least_squares
 
     Q, p = relative_poses(poses)
@@ -298,7 +329,9 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return the hinge that SciPy fits to E1 and E5 (S2 = S1 Sh C), with psi of every sample as an unknown."""
+    """Return the hinge that SciPy's least_squares fits to E1 and E5 (S2 = S1 Sh C), with the loss function `loss` and
+    psi of every sample as an unknown, from a start about 0.2 from the true hinge.
+    """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
     from scipy.spatial.transform import Rotation
@@ -337,7 +370,9 @@ def true_hinge() -> FittedHinge:
 
 
 def hinge_error(fitted: FittedHinge) -> float:
-    """Return the largest component of the errors of both axes, and of both points perpendicular to the axis."""
+    """Return the largest difference of a fitted hinge from the true one, over the components of both axes and,
+    perpendicular to the axis, of both points. The axes are compared up to a common sign.
+    """
     truth = true_hinge()
     sign = np.sign(fitted.n @ truth.n)
     perpendicular = [np.eye(3) - np.outer(axis, axis) for axis in (truth.n, truth.n_body2)]

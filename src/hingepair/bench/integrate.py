@@ -44,7 +44,9 @@ _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and at
 
 
 class RotationCase(NamedTuple):
-    """A rotating body with a known attitude: the reference example rotated by Q, S = Q S_ref, omega = Q omega_ref."""
+    """A rotating body with a known attitude: the reference example rotated by Q, so that S = Q S_ref and omega = Q
+    omega_ref. `quat` is a quaternion (w, x, y, z) of Q with integer components.
+    """
 
     name: str
     quat: tuple[int, int, int, int]  # quaternion (w, x, y, z) of Q; its components are integers, so Q is exact
@@ -68,7 +70,9 @@ class RotationCase(NamedTuple):
         return np.stack([(a * x + b * y + c * z) / size for a, b, c in rows], axis=-1)
 
     def exact_attitudes(self, t: Array) -> list[Any]:
-        """Return the attitudes at times t to 50 digits: Q times rotations about x, y and z by 3t, t and 5t."""
+        """Return a list of the attitudes at times t, as mpmath matrices with 50 digits: Q times rotations about x, y
+        and z by 3t, t and 5t.
+        """
         x, y, z = np.eye(3).tolist()
         with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
             Q, times = rotation_of_quaternion(self.quat), [mpmath.mpf(s) for s in t.tolist()]
@@ -78,7 +82,9 @@ class RotationCase(NamedTuple):
             ]
 
     def largest_error(self, quats: Array, exact: list[Any]) -> float:
-        """Return the largest angle between quaternions (w, x, y, z) and exact attitudes [rad]; inf if not finite."""
+        """Return the largest angle [rad] between the attitudes of `quats` (w, x, y, z) and `exact`, a list of mpmath
+        rotation matrices. It is inf if a component is not finite.
+        """
         if not np.isfinite(quats).all():
             return math.inf
         with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
@@ -95,7 +101,9 @@ ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("
 
 
 def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
-    """Return by label (job, step [s] or None); a job computes quaternions (w, x, y, z) of a motion by a method.
+    """Return a dict from a label to a tuple (job, step [s]), one for each method and number of steps or tolerance;
+    the step is None if it varies. A job integrates the motion and returns quaternions (w, x, y, z) at the compared
+    instants.
 
     Methods of hingepair with each number of steps come first. SciPy's solvers with each tolerance follow; their steps
     vary, for which None stands.
@@ -112,7 +120,9 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
 
 
 def measure_integration(repeats: int, long_run_steps: int) -> Report:
-    """Measure all methods on all motions, and a long run unless its number of steps is 0; return the report."""
+    """Measure run times and errors of all integration methods on all motions, `repeats` times, and of a run of
+    `long_run_steps` steps unless this is 0; return the report.
+    """
     rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
     more = make_target_rows(rows) + (measure_long_run(long_run_steps, min(repeats, 3)) if long_run_steps else [])
     notes = ["left out: numbers of steps with which a method meets gimbal lock"]
@@ -120,7 +130,9 @@ def measure_integration(repeats: int, long_run_steps: int) -> Report:
 
 
 def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
-    """Measure all methods with all numbers of steps and tolerances on one motion; return the rows."""
+    """Measure run times and errors of all integration methods on one motion, with all numbers of steps and
+    tolerances, `repeats` times; return the table rows. Runs that meet gimbal lock are left out.
+    """
     exact = motion.exact_attitudes(np.linspace(0, STOP_TIME, NUM_COMPARED_INSTANTS + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
@@ -141,14 +153,18 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
 
 
 def _observed_order(previous_run: tuple[float, float] | None, current_run: tuple[float, float]) -> float | None:
-    """Return the order of convergence between two runs (step, error); None if an error is only rounding."""
+    """Return the order of convergence between two runs, tuples (step, error). It is None if there is no previous run
+    or if an error is only rounding.
+    """
     if previous_run is None or min(previous_run[1], current_run[1]) <= 1e-14:
         return None
     return math.log(previous_run[1] / current_run[1]) / math.log(previous_run[0] / current_run[0])
 
 
 def measure_long_run(steps: int, repeats: int) -> list[Row]:
-    """Measure `magnus6` with many steps, where omega is computed before the timing; return the rows."""
+    """Measure run time and error of the integration of each motion by `magnus6` with `steps` steps, `repeats` times;
+    return the table rows. The evaluation of omega is not timed.
+    """
     rows = []
     for motion in ROTATION_CASES:
         print_progress(f"{motion.name}: {steps:,} steps")
@@ -171,7 +187,9 @@ def _long_case_name(motion: RotationCase) -> str:
 
 
 def _long_run_job(motion: RotationCase, t: Array) -> Job:
-    """Return the job of the long run; its first call caches the values of omega, which later calls read."""
+    """Return a job that integrates the motion from `t[0]` to `t[-1]` with a step between successive instants. Its
+    first call caches the values of omega, which later calls read.
+    """
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
@@ -185,7 +203,9 @@ def _long_run_job(motion: RotationCase, t: Array) -> Job:
 
 
 def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Array:
-    """Integrate a motion by a method of hingepair; return quaternions (w, x, y, z) at the compared instants."""
+    """Integrate a motion over STOP_TIME in `steps` equal steps by the named method of hingepair; return quaternions
+    (w, x, y, z) at the compared instants, shape (instants, 4).
+    """
     t = np.linspace(0, STOP_TIME, steps + 1)
     trajectory = integrate_pair(
         _INTEGRATED_PAIR, t, motion.omega, 0.0, S1_0=motion.initial_attitude(), method=method, outputs=()
@@ -194,7 +214,8 @@ def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Ar
 
 
 def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
-    """Integrate a motion by a solver of SciPy; return quaternions (w, x, y, z) at the compared instants.
+    """Integrate a motion over STOP_TIME by the named solver of SciPy, with `tol` as relative and absolute tolerance;
+    return quaternions (w, x, y, z), not normalised, at the compared instants, shape (instants, 4).
 
     The four equations of the quaternion are written out in Python floats, which is the fastest way for SciPy.
     """
@@ -227,7 +248,9 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return the run time [s] at TARGET_ERROR_RAD by method, interpolated; methods that miss it are left out."""
+    """Return a dict from a method to its run time [s] at the error TARGET_ERROR_RAD, interpolated between the table
+    rows of the case named `case`. Methods that do not reach that error are left out.
+    """
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
         points = [
@@ -242,7 +265,9 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return table rows of the run times at TARGET_ERROR_RAD, interpolated between measured rows."""
+    """Return new table rows with each method's run time at the error TARGET_ERROR_RAD, interpolated between the
+    measured rows.
+    """
     target_rows = []
     for motion in ROTATION_CASES:
         times = times_to_target_error(rows, motion.name)
@@ -253,7 +278,9 @@ def make_target_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
-    """Return the picture's panels, a row for each motion: error against step, and against run time."""
+    """Return the picture's panels as a list of lists, one for each motion: a panel of error against step, and one of
+    error against run time. `rows` are the measured table rows.
+    """
     return [
         [
             Panel(
@@ -270,7 +297,9 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
 
 
 def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
-    """Return a case's curves of error against a column of `Row.more`, or against run time [ms] for None."""
+    """Return a list of curves, one for each method, of the errors of the case named `case`. The abscissa is the named
+    column of `Row.more`, or the run time [ms] if `column` is None.
+    """
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         x = row.min_seconds * 1e3 if column is None else row.more.get(column)

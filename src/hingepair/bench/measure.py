@@ -49,7 +49,9 @@ _SECONDS_BY_TIME_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], t
 
 
 class Method(NamedTuple):
-    """A method under test: its name, the function that makes its job of a task, and the batch sizes that it takes."""
+    """A method under test: its name, the function `make_job` from a task to a job (a function without arguments that
+    is timed), the sizes of batches that it takes, the package that it needs, and whether the picture shows it.
+    """
 
     name: str
     # Returns the job of a task. Whatever can be set up once is set up before the job is timed; the results that a
@@ -64,7 +66,8 @@ class Method(NamedTuple):
 def available_methods(
     methods: Iterable[Method], exclusion_reasons: Mapping[str, str | None]
 ) -> tuple[list[Method], list[str]]:
-    """Return the methods whose package is installed and that nothing excludes, and a sentence for each other one.
+    """Return a list of the methods whose package is installed and that nothing excludes, and a list of sentences, one
+    for each other method. `exclusion_reasons` maps a method's name to the reason why it cannot be measured, or None.
 
     Args:
         methods: all methods.
@@ -85,7 +88,10 @@ def available_methods(
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row of a report's table: run times and error of one method on one case."""
+    """A row of a report's table: run times and error of one method on one case. The fields are case, method, the
+    number of samples, median and minimum time of a call [s], the ratio to the first method, the error, and further
+    columns.
+    """
 
     case: str  # what all methods of the case compute
     method: str  # name of the method
@@ -152,7 +158,9 @@ def measure_methods(
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Time the jobs of a case's methods that take this batch size, in alternation; return their rows.
+    """Measure the run times of the methods that take a batch of `size` samples, `repeats` times in alternation;
+    return the table rows of the case. `make_task` returns the task of a number of samples; errors and extra columns
+    of the rows are given by the method's name.
 
     Args:
         case: name of the case.
@@ -176,7 +184,9 @@ def make_rows(
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Return the table rows of a case, computed from the run times of its methods in each repeat.
+    """Return the table rows of a case, computed from `repeat_seconds`, the run times of a call in each repeat by the
+    method's name. Ratios refer to the first method. `counts` are the samples of a call; errors and extra columns are
+    given by the method's name.
 
     Args:
         case: name of the case.
@@ -196,7 +206,8 @@ def make_rows(
 
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Run all jobs in turn, several times; return the time of a call in each repeat [s], by the job's name.
+    """Call all jobs in turn, `repeats` times; return a dict from a job's name to a list of its run times of one call
+    [s], one for each repeat. Jobs are functions without arguments, by name.
 
     Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
     timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays
@@ -221,7 +232,8 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
 
 
 def wait_for_other_threads() -> None:
-    """Wait until no other thread of this process runs or waits for a memory page, for at most ten seconds.
+    """Wait until no other thread of this process runs or waits for a memory page, for at most ten seconds; return
+    None also if threads are still busy then.
 
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """

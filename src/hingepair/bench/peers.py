@@ -48,7 +48,9 @@ BENCH_PAIR_CONSTANTS: dict[str, Any] = {
 
 
 class KinematicsTask(NamedTuple):
-    """A batch of states of a pair, at which every method computes the motion of body 2, and buffers for outputs."""
+    """A batch of states of a pair, at which every method computes the motion of body 2. `motion` is q; q and qd; or
+    q, qd and qdd, shape (N, 7) each; `buffers` are arrays for the outputs by name.
+    """
 
     pair: HingePair
     motion: MotionArrays
@@ -60,13 +62,15 @@ class KinematicsTask(NamedTuple):
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
     def first_samples(self, count: int) -> KinematicsTask:
-        """Return the task that consists of the first samples."""
+        """Return the task of the first `count` samples, whose arrays are views of those of this task."""
         buffers = {name: array[:count] for name, array in self.buffers.items()}
         return KinematicsTask(self.pair, tuple(c[:count] for c in self.motion), buffers)
 
 
 def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[str, ...]) -> KinematicsTask:
-    """Return a task whose output buffers are allocated and touched, so that no page fault is timed."""
+    """Return a task with a buffer for each named output, allocated and written, so that no page fault is timed.
+    `motion` is q; q and qd; or q, qd and qdd, shape (N, 7) each.
+    """
     samples = len(motion[0])
     return KinematicsTask(
         pair, motion, {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs}
@@ -74,7 +78,9 @@ def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[s
 
 
 def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
-    """Return a function that makes the job of a task: a call of `pair.forward_kinematics` with given options.
+    """Return a function from a task to a job, which calls `pair.forward_kinematics` with further options and returns
+    a tuple of the outputs. The outputs are new arrays if `allocates_outputs` or for one state, else the task's
+    buffers.
 
     Args:
         allocates_outputs: whether the outputs are new arrays; otherwise they are the buffers of the task.
@@ -90,14 +96,18 @@ def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> C
 
 
 def prepared_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that calls the result of `pair.prepare` with one state or a batch; the outputs are new arrays."""
+    """Return a job that calls the result of `pair.prepare` with the task's state or batch, and returns a tuple of the
+    outputs, which are new arrays.
+    """
     arguments, names = task.arguments, tuple(task.buffers)
     call, read = task.pair.prepare(list(OUTPUTS_BY_LEVEL)[len(arguments) - 1], outputs=names), attrgetter(*names)
     return lambda: read(call(*arguments))
 
 
 def copy_job(task: KinematicsTask) -> Job:
-    """Return a job that copies as many bytes as the outputs have into existing arrays: a lower bound of run time."""
+    """Return a job that copies as many bytes as the outputs have into the task's buffers, and returns None. Its run
+    time is a lower bound.
+    """
     source = {name: np.ones_like(array) for name, array in task.buffers.items()}
 
     def run() -> None:
@@ -108,7 +118,7 @@ def copy_job(task: KinematicsTask) -> Job:
 
 
 def fresh_copy_job(task: KinematicsTask) -> Job:
-    """Return a job that copies as many bytes as the outputs have into new arrays."""
+    """Return a job that copies as many bytes as the outputs have into new arrays, and returns a list of these."""
     source = [np.ones_like(array) for array in task.buffers.values()]
     return lambda: [array.copy() for array in source]
 
@@ -122,7 +132,8 @@ def _pinocchio_inputs(task: KinematicsTask) -> list[Array]:
 
 
 def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that loops over the samples in Python and calls Pinocchio.
+    """Return a job that calls Pinocchio for each sample of the task in a Python loop. The job returns a dict of the
+    outputs by name, the task's buffers or, for a single sample, Pinocchio's arrays.
 
     The results are copied into the buffers; those of a single sample are only read out.
     """
@@ -161,14 +172,18 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that calls Pinocchio in a C++ loop, with the inputs and outputs of the Python loop."""
+    """Return a job that calls Pinocchio for each sample of the task in a C++ loop. The job writes the outputs into
+    the task's buffers and returns these.
+    """
     rows = [*_pinocchio_inputs(task), None, None][:3]
     outputs = [task.buffers.get(name) for name in OUTPUTS_BY_LEVEL["acceleration"]]
     return make_cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.buffers)
 
 
 def mujoco_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that loops over the samples in Python and calls the stages of MuJoCo that the outputs need."""
+    """Return a job that calls the stages of MuJoCo that the outputs need, for each sample of the task in a Python
+    loop. The job writes the outputs into the task's buffers and returns these.
+    """
     import mujoco as mj
 
     inputs, buffers = mujoco_coordinates(_pinocchio_inputs(task), *(c[:, :3] for c in task.motion[1:])), task.buffers
@@ -202,7 +217,9 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def scipy_rotation_job(task: KinematicsTask) -> Job:
-    """Return a job that computes attitudes by SciPy's Rotation and all else by NumPy."""
+    """Return a job that computes attitudes by SciPy's Rotation and all else by NumPy for the whole batch. The job
+    returns a dict of new arrays by output name.
+    """
     from scipy.spatial.transform import Rotation
 
     pair, q = task.pair, task.motion[0]
@@ -217,13 +234,17 @@ def scipy_rotation_job(task: KinematicsTask) -> Job:
 
 
 def numpy_stacks_job(task: KinematicsTask) -> Job:
-    """Return a job that computes on stacks of 3 x 3 matrices by NumPy, with @ and numpy.cross."""
+    """Return a job that computes on stacks of 3 x 3 matrices by NumPy, with @ and numpy.cross. The job returns a dict
+    of new arrays by output name.
+    """
     pair, motion, _ = task
     return lambda: _body2_from_stacks(np, pair, motion, *_stacked_attitudes(np, pair, motion[0]))
 
 
 def jax_job(task: KinematicsTask) -> Job:
-    """Return a job that computes on stacks of matrices by jax.jit on one core; its inputs are JAX arrays already."""
+    """Return a job that computes on stacks of 3 x 3 matrices by jax.jit on one core, and returns a dict of NumPy
+    arrays by output name. Inputs are converted to JAX arrays when the job is made.
+    """
     with _restrict_to_one_core():
         import jax
         import jax.numpy as jnp
@@ -244,7 +265,8 @@ def jax_job(task: KinematicsTask) -> Job:
 
 
 def _stacked_attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
-    """Return S1 and S2, shape (N, 3, 3) each, computed by whole-array operations as a user of NumPy would.
+    """Return the attitudes S1 and S2 of both bodies, shape (N, 3, 3) each, for coordinates q, shape (N, 7). They are
+    computed by whole-array operations of `xp`, which is numpy or jax.numpy.
 
     Args:
         xp: the array library, numpy or jax.numpy.
@@ -259,7 +281,9 @@ def _stacked_attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
 
 
 def _stacked_rotation(xp: Any, axis_index: int, angle: Any) -> Any:
-    """Return rotation matrices about the axis x, y or z (index 0, 1 or 2) by the array library `xp`; (N, 3, 3)."""
+    """Return rotation matrices about the axis x, y or z (index 0, 1 or 2) by an array of angles [rad], shape (N, 3,
+    3). `xp` is numpy or jax.numpy.
+    """
     i, j = (axis_index + 1) % 3, (axis_index + 2) % 3
     rows: list[list[Any]] = [[xp.zeros_like(angle)] * 3 for _ in range(3)]
     rows[axis_index][axis_index] = xp.ones_like(angle)
@@ -270,7 +294,10 @@ def _stacked_rotation(xp: Any, axis_index: int, angle: Any) -> Any:
 
 
 def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> OutputArrays:
-    """Return R2, S2, v2, omega2, a2, alpha2, as far as the motion goes, by name; S1, S2 have shape (N, 3, 3)."""
+    """Return a dict of R2, S2, v2, omega2, a2 and alpha2 by name, computed from the attitudes S1, S2, shape (N, 3,
+    3), by `xp`, which is numpy or jax.numpy. Rates need qd, and accelerations qdd in `motion`, which is q; q and qd;
+    or q, qd and qdd.
+    """
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
     outputs = {"R2": q[:, :3] + r1 - r2, "S2": S2}
@@ -312,7 +339,8 @@ def _restrict_to_one_core() -> Iterator[None]:
 
 
 def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
-    """Return a job that computes a control cycle: the motion of body 2, its Jacobian and its bias, of one state.
+    """Return a job that computes a control cycle at one state of the pair: R2, S2, v2, omega2, Jacobian and
+    acceleration bias of body 2, as a tuple.
 
     Args:
         pair: the pair.
@@ -327,7 +355,10 @@ def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
 def pinocchio_cycle_job(
     pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
 ) -> Job:
-    """Return a job in which Pinocchio computes what `hingepair_cycle_job` does; q and v are inputs before the job."""
+    """Return a job that computes pose, twist, Jacobian and acceleration bias of body 2 at one state by Pinocchio, as
+    a tuple. The state is position, quaternion (x, y, z, w), velocity and angular velocity of body 1, psi and psi';
+    its conversion to Pinocchio's coordinates is not timed.
+    """
     import pinocchio as pin
 
     twin = to_pinocchio(pair)

@@ -15,7 +15,9 @@ _CURVE_MARKERS = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-w
 
 
 class MethodCurve(NamedTuple):
-    """The curve of one method in a panel: the name for the legend, and points (x, y)."""
+    """The curve of one method in a panel: the method's name for the legend, points (x, y), and whether the second
+    point is an error on hard states, which is drawn hollow (`second_is_hard`).
+    """
 
     name: str  # of the method, in the legend
     points: list[tuple[float, float]]  # (x, y)
@@ -23,7 +25,9 @@ class MethodCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram of a benchmark's picture: its title, axes and curves; x is logarithmic."""
+    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic; y is logarithmic,
+    linear up to `max_y`, or a row for each of `y_names`. A vertical line marks `min_x`.
+    """
 
     title: str
     x_label: str
@@ -38,7 +42,7 @@ class Panel(NamedTuple):
 
 
 def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
-    """Draw rows of panels, with all methods in one legend below; return the Matplotlib figure.
+    """Draw panels, a list of lists row by row, with one legend of all methods below; return a new Matplotlib figure.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
@@ -66,7 +70,8 @@ def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
 
 
 def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
-    """Draw rows of panels and write the picture to an open binary file, as PNG, SVG or PDF.
+    """Draw panels, a list of lists row by row, and write the picture to an open binary file. `file_format` is "png",
+    "svg" or "pdf".
 
     Args:
         panel_rows: the panels, row by row.
@@ -90,7 +95,9 @@ def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_f
 
 
 def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, str]]) -> None:
-    """Draw a panel's curves into Matplotlib axes, each in the (colour, marker) of its method; clip y at `max_y`."""
+    """Draw the curves and labels of a panel into Matplotlib axes. `style_by_method` maps a method's name to (colour,
+    marker). Points above the panel's `max_y` are drawn at the edge with their value.
+    """
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:
         axes.set_xlim(*panel.x_range)
@@ -133,7 +140,8 @@ def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, s
 
 
 def new_figure(size_inches: tuple[float, float]) -> Any:
-    """Import Matplotlib and return an empty figure of a width and height.
+    """Import Matplotlib and return an empty figure of (width, height) in inches. Raise a MissingDependencyError if it
+    is not installed.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.

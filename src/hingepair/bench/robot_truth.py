@@ -25,7 +25,9 @@ _to_mpf: Any = np.frompyfunc(mpmath.mpf, 1, 1)
 
 
 class _BodyState(NamedTuple):
-    """Pose, joint axis, angular velocity and accelerations of one body, in world axes, as mpmath numbers."""
+    """Motion of one body in world axes, as mpmath numbers: point R and unit axis of its joint, rotation S (body to
+    world), omega, alpha, and a, the acceleration of R minus that of gravity.
+    """
 
     R: Array  # point of the joint that carries the body [m]
     S: Array  # rotation, body to world
@@ -54,13 +56,17 @@ class ExactRobot:
         self._q = self._joint_values(q) + _to_mpf(np.array(offsets))
 
     def pose(self, joint: str) -> Array:
-        """Return position and rotation, joined, of the body that a joint carries; shape (12,)."""
+        """Return position (3) and rotation matrix (9, row by row) of the body that the joint named `joint` carries,
+        joined, as mpmath numbers; shape (12,).
+        """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             body = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._joint_number(joint)]
             return np.concatenate([body.R, body.S.ravel()])
 
     def jacobian(self, joint: str) -> Array:
-        """Return the Jacobian of the body that a joint carries: (v, omega) of its reference point; shape (6, dof)."""
+        """Return the Jacobian of (v, omega) of the body that the joint named `joint` carries, at its reference point,
+        as mpmath numbers; shape (6, dof).
+        """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)
             number = tip = self._joint_number(joint)
@@ -75,7 +81,9 @@ class ExactRobot:
             return J
 
     def inverse_dynamics(self, qd: Array, qdd: Array, gravity_magnitude: float = _GRAVITY_MAGNITUDE) -> Array:
-        """Return the efforts that rates and accelerations require [N m, N]; shape (dof,)."""
+        """Return the efforts that rates qd and accelerations qdd require [N m, N], as mpmath numbers; shape (dof,).
+        `gravity_magnitude` is the acceleration of gravity along -z [m/s^2].
+        """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(qd, qdd, gravity_magnitude)
             zero = _to_mpf(np.zeros(3))
@@ -93,7 +101,9 @@ class ExactRobot:
             return efforts
 
     def forward_dynamics(self, qd: Array, tau: Array) -> Array:
-        """Return the accelerations that efforts cause [rad/s^2, m/s^2]; shape (dof,)."""
+        """Return the accelerations that efforts tau [N m, N] cause at rates qd [rad/s^2, m/s^2], with gravity, as
+        mpmath numbers; shape (dof,).
+        """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             zero = np.zeros(self._dof)
             columns = [self.inverse_dynamics(zero, unit, 0.0) for unit in np.eye(self._dof)]
@@ -108,12 +118,16 @@ class ExactRobot:
         return 1 + [joint.name for joint in self._tree.joints].index(name)
 
     def _joint_values(self, values: Array) -> Array:
-        """Return the values of all joints, mimic joints included, from those of the coordinates."""
+        """Return an array of the values of all joints, mimic joints included but without their offsets, from the
+        values of the coordinates.
+        """
         joint_values: Array = _to_mpf(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
         return joint_values
 
     def _body_states(self, qd: Array, qdd: Array, gravity_magnitude: float) -> list[_BodyState]:
-        """Return the pose and motion of the base and of all bodies, in the order of the joints."""
+        """Return a list of the motion of the base and of all bodies, in the order of the joints, for rates qd and
+        accelerations qdd. The base accelerates upwards by `gravity_magnitude`, which stands for gravity.
+        """
         zero = _to_mpf(np.zeros(3))
         bodies = [
             _BodyState(zero, _to_mpf(np.eye(3)), zero, zero, zero, _to_mpf(np.array([0.0, 0.0, gravity_magnitude])))
@@ -139,7 +153,9 @@ class ExactRobot:
 
 
 def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
-    """Return the force that the motion of a joint's body requires, and the torque about the joint's point."""
+    """Return the force [N] that the motion of a joint's body requires, gravity included, and the torque about the
+    joint's point [N m]; arrays of mpmath numbers, shape (3,).
+    """
     c = body.S @ _to_mpf(joint.body.center_of_mass)
     inertia = body.S @ _to_mpf(joint.body.inertia) @ body.S.T
     relative_a = _cross_product(body.alpha, c) + _cross_product(body.omega, _cross_product(body.omega, c))
@@ -148,7 +164,9 @@ def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
 
 
 def _axis_rotation(n: Array, angle: Any) -> Array:
-    """Return the rotation about a unit axis, by Rodrigues' formula."""
+    """Return the rotation matrix about a unit axis n by an angle [rad], by Rodrigues' formula, as mpmath numbers;
+    shape (3, 3).
+    """
     x, y, z = n
     zero = mpmath.mpf(0)
     N = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]], dtype=object)

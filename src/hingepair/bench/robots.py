@@ -89,7 +89,10 @@ _UNIT_AXIS_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": 
 
 
 class RobotTask(NamedTuple):
-    """Random states of a robot, and the workload that is computed at them."""
+    """Random states of a robot, and the workload ("pose", "Jacobian", "inverse dynamics" or "forward dynamics") that
+    is computed at them. `model` is Pinocchio's model of the robot, `tip` its joint furthest from the base, and `rows`
+    are q, q' and q'' or efforts, shape (N, dof).
+    """
 
     name: str  # of the robot
     robot: Mechanism
@@ -100,7 +103,9 @@ class RobotTask(NamedTuple):
 
 
 def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, with_cpp: bool) -> Report:
-    """Measure every workload of robots at several batch sizes by all engines; return the report."""
+    """Measure run times and errors of all engines for every workload of the named robots at batch sizes `sizes`,
+    `repeats` times; return the report. `with_cpp` compiles and adds Pinocchio's C++ loop.
+    """
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (one or two minutes)")
     methods, left_out = available_methods(
@@ -130,7 +135,9 @@ def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
 
 
 def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTask]) -> dict[str, float]:
-    """Compute a workload by each method and exactly; return the largest relative error by the method's name."""
+    """Compute a few states by each method and exactly; return a dict of the largest relative error by the method's
+    name. `make_task` returns the task of a number of states.
+    """
     print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DECIMAL_DIGITS} digits")
     truth = exact_robot_results(make_task(_NUM_COMPARED_STATES))
     return {
@@ -142,7 +149,8 @@ def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTas
 
 
 def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return the picture's panels, one for each workload: a line for each robot, its run times along x.
+    """Return the picture's panels as a list of lists, one panel for each workload: a line for each robot, and along x
+    the run times of batches of `size` states by each method.
 
     The run times are those of batches of `size` states. The legend shows the largest error of each engine.
     """
@@ -175,7 +183,9 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
 
 
 def _load_models(name: str) -> tuple[Mechanism, Any]:
-    """Load a robot of example-robot-data; return it and Pinocchio's model of it, from the same file."""
+    """Load the robot of example-robot-data with that name; return a tuple of the Mechanism and of Pinocchio's model
+    of it, from the same file and with the same locked joints.
+    """
     import pinocchio as pin
 
     full = pin.buildModelFromUrdf(str(robot_urdf(name)))
@@ -185,7 +195,9 @@ def _load_models(name: str) -> tuple[Mechanism, Any]:
 
 
 def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> RobotTask:
-    """Return a task of `count` random states of a robot; a larger task begins with the states of a smaller one."""
+    """Return a task of `count` random states of a robot for the named workload; `model` is Pinocchio's model of the
+    robot. A larger task begins with the states of a smaller one.
+    """
     rng = np.random.default_rng(31)
     depth = [0]
     for joint in range(1, model.njoints):
@@ -196,7 +208,9 @@ def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, coun
 
 
 def exact_robot_results(task: RobotTask) -> Array:
-    """Return the exact results of a task as mpmath numbers; shape (N, components)."""
+    """Compute the task's workload at all its states in fifty-digit arithmetic; return an array of mpmath numbers,
+    shape (N, components), with matrices flattened row by row.
+    """
     joint, rows = task.model.names[task.tip], []
     for q, v, w in zip(*task.rows, strict=True):
         truth = ExactRobot(task.robot.tree, q)
@@ -213,7 +227,9 @@ def exact_robot_results(task: RobotTask) -> Array:
 
 
 def robot_error(method: Method, task: RobotTask, exact_results: Array) -> float:
-    """Return the largest error of a method's results, relative to the largest component of the true ones."""
+    """Run the method's job of a task; return the largest error of its results, each relative to the largest component
+    of the exact result of its state. `exact_results` has a row for each state.
+    """
     expected = exact_results[: len(task.rows[0])]
     result = np.asarray(method.make_job(task)(), dtype=float).reshape(expected.shape)
     return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, expected, strict=True))
@@ -226,7 +242,9 @@ def _read_pose(state: Any) -> Array:
 
 
 def hingepair_robot_job(task: RobotTask) -> Job:
-    """Return a job that computes the task's workload by a method of `Mechanism`, compiled at the first call."""
+    """Return a job that computes the task's workload for all states at once by a method of `Mechanism` and returns
+    the result, an array or convertible to one. The first call compiles.
+    """
     (q, v, w), tip = task.rows, task.model.names[task.tip]
     if task.workload == POSE_WORKLOAD:
         # Position and rotation are put into one array only for the comparison, which is no work of the engine.
@@ -263,7 +281,9 @@ class _LazyArray:
 
 
 def prepared_robot_job(task: RobotTask) -> Job:
-    """Return a job that calls the result of `robot.prepare` with one state."""
+    """Return a job that computes the task's workload at its first state by the result of `robot.prepare`. The result
+    is an array or convertible to one.
+    """
     q, v, w = (row[0].copy() for row in task.rows)
     tip = task.model.names[task.tip]
     if task.workload == POSE_WORKLOAD:
@@ -280,7 +300,9 @@ def prepared_robot_job(task: RobotTask) -> Job:
 
 
 def pinocchio_robot_job(task: RobotTask) -> Job:
-    """Return a job that loops over the states in Python and calls Pinocchio."""
+    """Return a job that computes the task's workload by Pinocchio, in a Python loop over the states, and returns an
+    array with a row for each state.
+    """
     import pinocchio as pin
 
     model, (q, v, w), tip = task.model, task.rows, task.tip
@@ -318,7 +340,9 @@ def pinocchio_robot_job(task: RobotTask) -> Job:
 
 
 def pinocchio_batch_job(task: RobotTask) -> Job:
-    """Return a job that calls Pinocchio's batch functions for dynamics, on one thread like all other methods."""
+    """Return a job that computes the task's inverse or forward dynamics by Pinocchio's own batch functions on one
+    thread, and returns an array with a row for each state.
+    """
     import pinocchio as pin
 
     pool = pin.ModelPool(task.model, 1)
@@ -328,7 +352,9 @@ def pinocchio_batch_job(task: RobotTask) -> Job:
 
 
 def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
-    """Return a job that loops over the states in C++ and calls Pinocchio."""
+    """Return a job that computes the task's workload by Pinocchio, in a C++ loop over the states, and returns an
+    array with a row for each state.
+    """
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
     kinds = [
@@ -375,7 +401,9 @@ def _load_robots_library() -> Any:
 
 
 def mujoco_robot_job(task: RobotTask) -> Job:
-    """Return a job that computes dynamics by a Python loop over MuJoCo, on the robot that `to_urdf` exports."""
+    """Return a job that computes the task's inverse or forward dynamics by MuJoCo, in a Python loop over the states,
+    on the robot that `to_urdf` exports. The job returns an array with a row for each state.
+    """
     import mujoco as mj
 
     from hingepair.formats.model_writers import to_urdf
@@ -405,7 +433,9 @@ def mujoco_robot_job(task: RobotTask) -> Job:
 
 
 def frax_job(task: RobotTask) -> Job:
-    """Return a job that computes dynamics by frax, compiled by JAX for a whole batch in float64."""
+    """Return a job that computes the task's inverse or forward dynamics by frax, compiled by JAX for a whole batch,
+    and returns a JAX array. Switch JAX to float64 for the whole process.
+    """
     import tempfile
 
     import jax

@@ -96,7 +96,9 @@ _SWEEPS_BY_CASE_NAME: Final = {
 
 
 def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats: int) -> Report:
-    """Measure Dask and plain calls, one thread and several, and sweeps; return the report.
+    """Measure run times of calls on NumPy and on Dask arrays of `samples` samples, with one thread and with
+    `threads`, and of sweeps, and run time and peak memory of a Dask reduction; return the report. No reduction is
+    measured if `reduction_samples` is 0.
 
     Args:
         samples: number of samples of the calls that are compared.
@@ -140,7 +142,9 @@ def _chunk_size(samples: int) -> int:
 
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure velocities of a pair, whose run time memory bandwidth limits; return the rows."""
+    """Measure run times of velocities of a pair, on NumPy and on Dask arrays, with one thread and with `threads`,
+    `repeats` times; return the table rows. The memory bandwidth limits these run times.
+    """
     pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
     outputs = ("R2", "v2", "omega2")
@@ -158,7 +162,9 @@ def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
 
 
 def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure forward dynamics of a robot, whose run time arithmetic limits; return the rows."""
+    """Measure run times of forward dynamics of a robot, on NumPy and on Dask arrays, with one thread and with
+    `threads`, `repeats` times; return the table rows. Arithmetic limits these run times.
+    """
     locked_positions = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
     robot, rng = load_robot("panda", locked=locked_positions), np.random.default_rng(52)
     q, qd, tau = rng.uniform(-1, 1, (3, samples, robot.dof))
@@ -180,7 +186,9 @@ def _measure_beside_dask(
     threads: int,
     repeats: int,
 ) -> list[Row]:
-    """Measure a plain call and the same call on Dask arrays, on one thread and on several; return the rows.
+    """Measure run times of a plain call and of the same call on Dask arrays, with one thread and with `threads`;
+    return the table rows of the case. `make_plain_job` returns the plain call's job for a number of threads;
+    `compute_lazily` takes the Dask arrays and returns lazy results.
 
     Args:
         case: name of the case.
@@ -217,7 +225,9 @@ def _measure_beside_dask(
 
 
 def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
-    """Return a job that runs a job and appends the processor time of all its threads to `processor_seconds`."""
+    """Return a job that runs the given job and returns its result. Each call appends the processor time of all
+    threads [s] to the list `processor_seconds`.
+    """
 
     def run() -> Any:
         """Run the job, append its processor time [s], and return its result."""
@@ -230,7 +240,9 @@ def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
 
 
 def _measure_long_reduction(samples: int, threads: int) -> Row:
-    """Measure run time and peak memory of a Dask reduction in a separate process; return the row."""
+    """Measure run time and peak memory of a Dask reduction of `samples` random poses, with `threads` threads in a
+    separate process; return one table row.
+    """
     command = [sys.executable, "-c", _DASK_REDUCTION_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
@@ -238,7 +250,9 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
 
 
 def _measure_sweeps(threads: int) -> list[Row]:
-    """Measure `hingepair sweep`, including the start of its process; return the rows."""
+    """Measure the run time of the command `hingepair sweep` with `threads` workers on each of several sweeps,
+    including the start of its process; return the table rows.
+    """
     rows = []
     for case, (scene, output, key) in _SWEEPS_BY_CASE_NAME.items():
         with tempfile.TemporaryDirectory() as folder:

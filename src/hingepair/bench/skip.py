@@ -19,7 +19,9 @@ OPERATION_COUNT_COLUMN = "operations"  # heading of a column of the table
 
 
 class FoldingCase(NamedTuple):
-    """A call of which something is known: constants of the pair, constant coordinates, or unneeded outputs."""
+    """A call of `forward_kinematics` of which something is known: constants of the pair, constant coordinates, or
+    unneeded outputs. `motion` is a tuple of q, or of q and qd; `outputs` names the outputs.
+    """
 
     pair: HingePair | PlanarPair
     motion: tuple[Any, ...]
@@ -39,7 +41,9 @@ class FoldingCase(NamedTuple):
         return count_operations(plan, self.pair.constants, arguments.parts).per_sample
 
     def make_job(self, backend: str) -> Job:
-        """Return a job that computes the case by a backend and writes the outputs into existing arrays."""
+        """Return a job that computes the outputs by the named backend, writes them into existing arrays, and returns
+        them.
+        """
         pair, motion, outputs = self
         state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
         out = {name: np.array(state[name]) for name in outputs}
@@ -47,7 +51,9 @@ class FoldingCase(NamedTuple):
 
 
 def measure_folding(samples: int, repeats: int) -> Report:
-    """Measure velocities of cases with known inputs and of the case without, by each backend; return the report."""
+    """Measure run times of velocities of `samples` samples in cases with known inputs and in the case without, by
+    each backend, `repeats` times; return the report.
+    """
     rows, folding_cases = [], make_folding_cases(samples)
     more = {name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()}
     for backend in ("compiled", "numpy"):
@@ -58,7 +64,9 @@ def measure_folding(samples: int, repeats: int) -> Report:
 
 
 def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
-    """Return the cases, by a name that says what is known; in the first one nothing is."""
+    """Return a dict of cases with `samples` random samples, by a name that says what is known; in the first case
+    nothing is.
+    """
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
     turned = HingePair(**BENCH_PAIR_CONSTANTS)

@@ -31,7 +31,8 @@ _ANGLES_SLICE_OF_COORDINATES = slice(3, 7)  # of the three Euler angles and psi 
 
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
-    """Return R2, S2, v2, omega2, a2, alpha2 at one state by name, as flat lists of mpmath numbers.
+    """Return a dict of R2, S2, v2, omega2, a2, alpha2 at one state by name, as flat lists of mpmath numbers. `pair`
+    is a dict of u1, u2, n, home; qd and qdd are zero unless given.
 
     Args:
         pair: u1, u2, n, home as numbers.
@@ -58,7 +59,9 @@ def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = 
 
 
 def _exact_body2(pair: PairNumbers, motion: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Return R2, S2 and S1 Sh at time t [s] of the motion (q, qd, qdd at 0), as mpmath matrices."""
+    """Return R2, S2 and S1 Sh as mpmath matrices, at time t [s] of the motion that has q, qd, qdd at 0 and constant
+    qdd. `pair` is a dict of u1, u2, n, home.
+    """
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*motion, strict=True))
     S1 = mpmath.eye(3)
     for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
@@ -107,7 +110,9 @@ class ExactResults:
         self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
 
     def largest_error(self, results: Mapping[str, Array]) -> float:
-        """Return the largest error of any output [u * scale]; infinite if a result is not finite."""
+        """Return the largest error [u * scale] of any output of `results`, arrays by name, against the exact ones;
+        inf if a result is not finite.
+        """
         worst = 0.0
         for name in self.outputs:
             rows = np.asarray(results[name], dtype=np.float64).reshape(len(self.exact), -1)
@@ -122,7 +127,9 @@ class ExactResults:
 
 
 def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[np.float64]]:
-    """Return the scale that errors of each output are divided by, by the output's name; shape (N,) or a number."""
+    """Return a dict of the scale of each output's errors by name, which the errors are divided by; an array (N,) or a
+    number each. `pair` is a dict of u1, u2, n, home; `motion` is q; q and qd; or q, qd and qdd.
+    """
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
     linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
@@ -131,7 +138,8 @@ def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[
 
 
 def random_states(rng: np.random.Generator, count: int, num_levels: int) -> MotionArrays:
-    """Return normally distributed q, qd, qdd of shape (count, 7), the first `num_levels` of the three.
+    """Return a tuple of the first `num_levels` of q, qd and qdd, of normally distributed random numbers from `rng`,
+    shape (count, 7) each.
 
     Args:
         rng: source of the numbers.
@@ -142,7 +150,8 @@ def random_states(rng: np.random.Generator, count: int, num_levels: int) -> Moti
 
 
 def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
-    """Return q, qd, qdd (the first `num_levels`) of numerically difficult states, random but for one change each.
+    """Return a tuple of the first `num_levels` of q, qd and qdd of numerically difficult states, shape (N, 7) each.
+    Each state is random (from `rng`) except for one change, such as a tiny psi.
 
     Args:
         rng: source of the numbers.
