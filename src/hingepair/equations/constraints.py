@@ -48,8 +48,9 @@ def tilt_rate(tilt_axes: tuple[Vector, Vector], relative_omega: Vector) -> Two:
 def tilt_bias(
     f_axes: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, relative_omega: Vector
 ) -> Two:
-    """Return the second time derivative of `tilt`, two numbers, for zero angular accelerations of both bodies, where
-    f_axes = (f1, f2).
+    """Return the second time derivative of `tilt`, two numbers, for zero angular accelerations of both bodies. f_axes
+    = (f1, f2) are two axes across the hinge axis in body 1, h2 is the hinge axis in body 2, and relative_omega =
+    omega2 - omega1.
 
     It is c' . (omega2 - omega1), with the axes c of `tilt_axes`.
     """
@@ -60,8 +61,8 @@ def tilt_bias(
 
 
 def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, bias: Two) -> Two:
-    """Return the second time derivative of `tilt`, two numbers (E2), from alpha2 - alpha1 and the result of
-    `tilt_bias`.
+    """Return the second time derivative of `tilt`, two numbers (E2). tilt_axes and `bias` are the results of the
+    functions `tilt_axes` and `tilt_bias`, and relative_alpha = alpha2 - alpha1.
     """
     return eq.dot(tilt_axes[0], relative_alpha) + bias[0], eq.dot(tilt_axes[1], relative_alpha) + bias[1]
 
@@ -74,7 +75,9 @@ def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
 
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the first time derivative of the residual of E1: (R1 + r1)' - (R2 + r2)'."""
+    """Return the first time derivative of the residual of E1: (R1 + r1)' - (R2 + r2)'. The vectors r1 and r2 lead
+    from the reference point of either body to the hinge point, world axes.
+    """
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
@@ -87,14 +90,15 @@ def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceler
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
     """Return the second time derivative of the residual of E1 for zero linear and angular accelerations of both
-    bodies.
+    bodies. The vectors r1 and r2 lead from the reference point of either body to the hinge point, world axes.
     """
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
     """Return the Jacobian of the rates of gap (E1) and tilt with respect to (v1, omega1, v2, omega2): a 5 x 12 matrix
-    as a flat tuple row by row.
+    as a flat tuple row by row. tilt_axes is the result of `tilt_axes`; r1 and r2 lead from the reference points to
+    the hinge point.
     """
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
@@ -118,8 +122,8 @@ def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> 
 
 
 def hinge_rate(h1: Vector, h2: Vector, relative_omega: Vector) -> Two:
-    """Return psi' as a pair of numerator and denominator, ((omega2 - omega1) . (h1 + h2), 1 + h1 . h2), which holds
-    for tilted hinges too.
+    """Return psi' as the pair (numerator, denominator) = ((omega2 - omega1) . (h1 + h2), 1 + h1 . h2), not divided.
+    It holds for tilted hinges too; h1 and h2 are the hinge axis in either body, and relative_omega = omega2 - omega1.
     """
     return eq.dot(relative_omega, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
@@ -131,8 +135,9 @@ def hinge_acceleration(
     relative_alpha: Vector,
     psid: Scalar,
 ) -> Two:
-    """Return psi'' as a pair of numerator and denominator, from h_axes = (h1, h2) and omegas = (omega1, omega2). It
-    is the time derivative of the quotient of `hinge_rate`.
+    """Return psi'' as a pair (numerator, denominator), not divided: the time derivative of the quotient of
+    `hinge_rate`. h_axes = (h1, h2), omegas = (omega1, omega2), and the relative quantities are omega2 - omega1 and
+    alpha2 - alpha1.
     """
     h1, h2 = h_axes
     middle_rate = eq.add(eq.cross(omegas[0], h1), eq.cross(omegas[1], h2))

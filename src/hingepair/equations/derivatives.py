@@ -19,13 +19,15 @@ WORLD_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def matrix_from_columns(*columns: Entries) -> Entries:
-    """Return the entries of a matrix, given by its columns, as a flat tuple row by row."""
+    """Return the entries of a matrix as a flat tuple row by row. Its columns are the positional arguments, each a
+    tuple of numbers.
+    """
     return tuple(entry for row in zip(*columns, strict=True) for entry in row)
 
 
 def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
     """Return the Jacobian of (v2, omega2) with respect to v1, the rates of body 1's rotations about three turn_axes,
-    and psi': a 6 x 7 matrix as a flat tuple row by row. `axis` is S1 n.
+    and psi': a 6 x 7 matrix as a flat tuple row by row. d = R2 - R1, r2 = S2 u2, and axis = S1 n.
 
     Where turn_axes are the world's axes, the three rates are omega1 (E8, E2): v2 = v1 + omega1 x d + (r2 x S1 n) psi'
     and omega2 = omega1 + S1 n psi', with d = r1 - r2.
@@ -36,15 +38,18 @@ def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
 
 
 def difference_rate(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return d' = v2 - v1 = omega1 x r1 - omega2 x r2, the time derivative of d = r1 - r2 (E8)."""
+    """Return d' = v2 - v1 = omega1 x r1 - omega2 x r2, the time derivative of d = r1 - r2 (E8), where r1 = S1 u1 and
+    r2 = S2 u2.
+    """
     return eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2))
 
 
 def jacobian_rate(
     turn_axes: Axes, turn_axis_rates: Axes, d_and_rate: tuple[Vector, Vector], r2: Vector, omegas_and_axis: Axes
 ) -> Entries:
-    """Return the time derivative of `jacobian`, a 6 x 7 matrix as a flat tuple row by row, where d_and_rate = (d, d')
-    and omegas_and_axis = (omega1, omega2, S1 n).
+    """Return the time derivative of `jacobian`, a 6 x 7 matrix as a flat tuple row by row. turn_axis_rates are the
+    time derivatives of the three turn_axes, d_and_rate = (d, d'), r2 = S2 u2, and omegas_and_axis = (omega1, omega2,
+    S1 n).
     """
     omega1, omega2, axis = omegas_and_axis
     axis_rate = eq.cross(omega1, axis)
@@ -69,7 +74,7 @@ def turns_by_n(S1: Matrix, n: Vector, hinge_trig: HingeTrig) -> Axes:
     """Return three rotation vectors of body 2, world axes: the derivatives of its attitude with respect to the
     components of n (E6), where hinge_trig = (sin psi, 1 - cos psi).
 
-    The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge_trig = (sin psi, 1 - cos psi).
+    The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x).
     """
     s, k = hinge_trig[0], hinge_trig[1]
     x, y, z = (
@@ -124,5 +129,5 @@ def negative(A: Entries) -> Entries:
 
 
 def rotation_rate(omega: Vector, S: Matrix) -> Matrix:
-    """Return S' = [omega]x S, the time derivative of a rotation matrix (E3)."""
+    """Return S' = [omega]x S, the time derivative of a rotation matrix S of nine entries (E3), as nine entries."""
     return eq.compose(eq.skew(omega), S)

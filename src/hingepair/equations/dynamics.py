@@ -36,8 +36,9 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return m (a_c - g), the sum of all forces on a body except gravity (D1). The centre of mass is at r from the
-    point with the acceleration a, and `g` is the acceleration of gravity.
+    """Return m (a_c - g), the sum of all forces on a body except gravity (D1). A point of the body has the
+    acceleration a, r leads from it to the centre of mass, omega and alpha are the body's, and `g` is the acceleration
+    of gravity.
     """
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
@@ -53,15 +54,15 @@ def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) ->
 
 
 def torque_about(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return torque + lever x force: the torque about a point, from the torque about the point at `lever` from it,
-    where the force acts (D3, D5).
+    """Return torque + lever x force, the torque about a point P. `lever` leads from P to the point where the force
+    acts, about which `torque` is given (D3, D5).
     """
     return add(torque, cross(lever, force))
 
 
 def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """Return torque - lever x force: the torque about the point at `lever`, from the torque about the origin of
-    `lever`, where the force acts.
+    """Return torque - lever x force, the torque about a point P. `lever` leads to P from the point where the force
+    acts, about which `torque` is given.
     """
     return subtract(torque, cross(lever, force))
 
@@ -93,8 +94,8 @@ def pair_inertia(
     J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
 ) -> PairInertia:
     """Return the inertia of a pair about a point as a tuple: the 3 x 3 matrix for alpha1, the vector that couples
-    alpha1 and psi'', and the number for psi''. To the inertias J and J2 it adds a point mass at `lever`, whose
-    velocity for psi' = 1 is partial_velocity.
+    alpha1 and psi'', and the number for psi''. To the inertias J (both bodies) and J2 (body 2) it adds a point mass
+    at `lever`, whose velocity for psi' = 1 is partial_velocity; `axis` is the hinge axis.
 
     About R1, the mass is body 2's mass at e, and J includes body 1's mass at r1. About the common centre, where no
     term cancels, the mass is the reduced mass m1 m2 / (m1 + m2) at e - r1.
@@ -110,8 +111,9 @@ def pair_inertia(
 def mass_matrix(
     m1: Scalar, m2: Scalar, r1: Vector, e: Vector, partial_velocity2: Vector, inertia_about_R1: PairInertia
 ) -> Entries:
-    """Return the mass matrix M of D6, 7 x 7, as a flat tuple row by row. The centres of mass are at r1 and e from R1;
-    partial_velocity2 is the velocity of body 2's centre of mass for psi' = 1.
+    """Return the mass matrix M of D6, 7 x 7, as a flat tuple row by row. r1 and e lead from R1 to the centres of
+    mass, partial_velocity2 is the velocity of body 2's centre of mass for psi' = 1, and inertia_about_R1 is the
+    result of `pair_inertia` about R1.
     """
     zero = 0 * m1
     total = m1 + m2
@@ -132,8 +134,9 @@ def mass_matrix(
 def angular_accelerations(
     inertia: PairInertia, J2: Matrix, torque: Vector, hinge_torque: Scalar
 ) -> tuple[Vector, Scalar, Entries]:
-    """Return (alpha1, psi'', pivot ratios) from the torques about a point (D6). The four pivot ratios compare each
-    pivot with its diagonal entry; a ratio near 0 means that the inertia is singular.
+    """Return (alpha1, psi'', pivot ratios) from the torques about a point (D6). `inertia` is the result of
+    `pair_inertia` about it; J2, body 2's inertia, only scales the last ratio. The four ratios compare each pivot with
+    its diagonal entry; one near 0 means that the inertia is singular.
 
     The matrix is 4 x 4, symmetric and positive definite; it is factored as L D L^T.
     """
@@ -175,8 +178,8 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
-    """Return the kinetic energy of one body (D7). `velocity` is that of the centre of mass; omega and inertia are in
-    common axes.
+    """Return the kinetic energy of one body (D7). `velocity` is that of the centre of mass, and `inertia` is about
+    it; omega and inertia are in common axes.
     """
     return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
 
@@ -188,21 +191,21 @@ def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
 
 def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
     """Return the angular momentum of one body about the origin (D8). R and velocity are those of the centre of mass,
-    world axes.
+    and `inertia` is about it; all are in world axes.
     """
     return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """Return the hinge torque that corresponds to a force and a torque on body 2: their moment about the hinge axis,
-    where r2 = S2 u2 (D4).
+    """Return the number that a force at R2 and a torque on body 2 contribute to the hinge torque: their moment about
+    the hinge axis, where r2 = S2 u2 leads from R2 to the hinge (D4).
     """
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
 def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
-    """Return the potential energy of both bodies (D7), where centre1 and centre2 are the positions of the centres of
-    mass.
+    """Return the potential energy of both bodies (D7), which is 0 at the world's origin. centre1 and centre2 are the
+    positions of the centres of mass, and `gravity` is the acceleration of gravity.
     """
     return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
 
@@ -255,7 +258,7 @@ def reference_point_rate(
     centre_rate: Vector, body1_turn: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
 ) -> Vector:
     """Return v1 from the velocity of the common centre of mass, or a1 without centripetal terms from its
-    acceleration. body1_turn is omega1 or alpha1, centre is the vector from R1 to the centre of mass, and
-    psid_fraction is psi' or psi'' times m2 / (m1 + m2).
+    acceleration. body1_turn is omega1 or alpha1, `centre` leads from R1 to the centre of mass, partial_velocity2 is
+    the velocity of body 2's centre of mass for psi' = 1, and psid_fraction is psi' or psi'' times m2 / (m1 + m2).
     """
     return subtract(centre_rate, add(cross(body1_turn, centre), scale(partial_velocity2, psid_fraction)))

@@ -77,7 +77,9 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
 
 
 def hinge_rotation(n: Vector, hinge_trig: HingeTrig) -> Matrix:
-    """Return Rodrigues' rotation matrix Sh about the unit axis n (E6), where hinge_trig = (sin psi, 1 - cos psi)."""
+    """Return Rodrigues' rotation matrix Sh about the unit axis n (E6), as nine entries, where hinge_trig = (sin psi,
+    1 - cos psi).
+    """
     s, k = hinge_trig[0], hinge_trig[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
@@ -101,8 +103,8 @@ def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
 
 
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that does not depend on psi, body-1 axes: u1 less the axial part of arm =
-    C u2.
+    """Return the part of u1 - Sh C u2 that does not depend on psi, body-1 axes: u1 less the part of `arm` along the
+    hinge axis. arm = C u2, and lever_cos is its part across the axis.
     """
     return subtract(u1, subtract(arm, lever_cos))
 
@@ -112,7 +114,6 @@ def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, co
     `cosine` is cos psi, and hinge_trig = (sin psi, 1 - cos psi).
 
     lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
-    hinge_trig = (sin psi, 1 - cos psi).
     """
     return add(scale(lever_cos, cosine), scale(lever_sin, hinge_trig[0]))
 
@@ -125,8 +126,8 @@ def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
 
 
 def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, world axes. The arguments after S1 are those
-    of `lever_moving`.
+    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, world axes. lever_sin = n x C u2, lever_cos =
+    lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
     """
     return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
 
@@ -147,23 +148,22 @@ def velocity2(v1: Vector, omega1: Vector, d: Vector, lever_by_psi: Vector, psid:
 
 
 def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated)."""
+    """Return alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated), where axis = S1 n."""
     return add(alpha1, add(scale(axis, psidd), scale(cross(omega1, axis), psid)))
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Return alpha x r + omega x (omega x r), the acceleration of a point of a body relative to the body's reference
-    point.
+    """Return alpha x r + omega x (omega x r), the acceleration of a body's point relative to the body's reference
+    point. The vector r leads from the reference point to the point.
     """
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
 def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
     """Return the terms of a2 that depend on psi' and psi'' only: centripetal psi'^2 - lever_by_psi psi'', where
-    centripetal = lever_by_psi x S1 n.
+    lever_by_psi = S1 n x S2 u2 and centripetal = lever_by_psi x S1 n.
 
-    centripetal = S1 lever_moving = lever_by_psi x S1 n, which points away from the axis.
-    psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
+    The vector `centripetal` = S1 lever_moving points away from the axis.
     """
     return subtract(scale(scale(centripetal, psid), psid), scale(lever_by_psi, psidd))
 
@@ -171,10 +171,8 @@ def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scala
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9). `relative` is the
-    result of `relative_acceleration`.
-
-    a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative.
+    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9). d = R2 - R1,
+    lever_by_psi = S1 n x S2 u2, and `relative` is the result of `relative_acceleration`.
     """
     half = scale(lever_by_psi, psid)
     turn = subtract(cross(omega1, d), add(half, half))
@@ -182,12 +180,14 @@ def acceleration2(
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
-    """Return the residual of E1, the vector R1 + r1 - (R2 + r2). It is zero if both bodies share the hinge point."""
+    """Return the residual of E1, the vector R1 + r1 - (R2 + r2), which is zero if both bodies share the hinge point.
+    r1 and r2 lead from the reference points to the hinge point of either body.
+    """
     return subtract(add(R1, r1), add(R2, r2))
 
 
 def skew(w: Vector) -> Matrix:
-    """Return the matrix [w]x, for which [w]x u = w x u."""
+    """Return the matrix [w]x, as nine entries, for which [w]x u = w x u."""
     zero = 0 * w[0]
     return zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero
 
@@ -221,8 +221,8 @@ def orthonormality_terms(S: Matrix) -> tuple[Scalar, ...]:
 
 
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix Sx Sy Sz (E10), where trig = (sin, cos) of the first, second and third angle: six
-    numbers.
+    """Return the rotation matrix Sx Sy Sz (E10), as nine entries, where trig = (sin, cos) of the first, second and
+    third angle: six numbers.
     """
     sx, cx, sy, cy, sz, cz = trig
     ss, cs = sx * sy, cx * sy
@@ -234,8 +234,8 @@ def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Return the rotation matrix Sx Sy Sx of proper Euler angles, where trig = (sin, cos) of the first, second and
-    third angle: six numbers.
+    """Return the rotation matrix Sx Sy Sx of proper Euler angles, as nine entries, where trig = (sin, cos) of the
+    first, second and third angle: six numbers.
     """
     sx, cx, sy, cy, sz, cz = trig
     sc, cc = sx * cy, cx * cy
@@ -247,16 +247,16 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries of the columns (e_x, b, c) of J for Sx Sy Sz (E4) that are not
-    constant.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that are not constant of the columns (e_x, b, c) of J for Sx Sy
+    Sz (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries of the columns (e_x, b, c) of J for Sx Sy Sx (E4) that are not
-    constant.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that are not constant of the columns (e_x, b, c) of J for Sx Sy
+    Sx (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)
@@ -269,8 +269,8 @@ def angular_velocity1(axis_components: tuple[Scalar, ...], phid: Vector) -> Vect
 
 
 def scaled_third_rate(axis_components: tuple[Scalar, ...], omega: Vector) -> Scalar:
-    """Return phi_z' times cos phi_y, or in proper Euler sequences phi_z' times -sin phi_y: the component of omega
-    along e_x x b (E4).
+    """Return the component of omega along e_x x b (E4): phi_z' times cos phi_y, or in proper Euler sequences phi_z'
+    times -sin phi_y. axis_components is the result of `tait_bryan_axes` or `proper_euler_axes`.
     """
     return axis_components[0] * omega[2] - axis_components[1] * omega[1]
 

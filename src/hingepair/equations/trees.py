@@ -55,8 +55,9 @@ Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
 
 class Link(NamedTuple):
-    """A joint, the body that it moves and the motor's rotor: number of the parent body, geometry and mass properties.
-    Joint k and its body have the number k, from 1 on.
+    """A joint and the body that it moves; joint k and its body have the number k, from 1 on. `parent` is the parent
+    body's number, `slides` marks a slider, S and u are the pose at q = 0 in the parent; `mass`, `first` and `second`
+    are the body's mass and its first and second moments, and `armature` is the inertia of the motor's rotor.
 
     Attributes:
         parent: number of the body that carries it.
@@ -80,8 +81,8 @@ class Link(NamedTuple):
 
 
 class Base(NamedTuple):
-    """The base of a tree (body 0): its mass m, first moment h and second moment N about its reference point, in the
-    base's axes.
+    """The base of a tree (body 0): its mass m, and its first moment h and second moment N about its reference point,
+    in the base's axes.
     """
 
     mass: Scalar
@@ -139,7 +140,7 @@ def joint_placements(
     links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
 ) -> list[Placement]:
     """Return a list of the placements of all joints: the pose of each joint's body in its parent. `turns` holds (sin
-    q, cos q) of hinges, `shifts` holds q of sliders.
+    q, cos q) of hinges and None of sliders; `shifts` holds q of sliders, and its other entries are not read.
     """
     return [
         Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
@@ -185,8 +186,8 @@ Rates: TypeAlias = tuple[Vector, Vector]
 def body_velocities(
     links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_velocity: Rates
 ) -> list[Rates]:
-    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). base_velocity is (v, omega) of
-    the base.
+    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). body_poses includes the base,
+    qd holds the rates of the joints, and base_velocity is (v, omega) of the base.
     """
     velocities = [base_velocity]
     for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
@@ -206,7 +207,7 @@ def body_accelerations(
     base_acceleration: Rates,
 ) -> list[Rates]:
     """Return a list of (a, alpha) of all bodies, world axes, the base first (E9); a is the classical acceleration.
-    base_acceleration is (a, alpha) of the base.
+    `velocities` is the list of (v, omega) of all bodies, and base_acceleration is (a, alpha) of the base.
     """
     changes = [base_acceleration]
     for link, body, rate, rate_change in zip(links, body_poses[1:], qd, qdd, strict=True):
@@ -254,8 +255,9 @@ def joints_to_base(links: Sequence[Link], body: int) -> set[int]:
 def point_jacobian_columns(
     links: Sequence[Link], body_poses: Sequence[Pose], body: int, d: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """Return a list with (v, omega), for q' = 1 of each joint alone, of a point that is fixed in the body with this
-    number. The vector d leads from R1 of the base to the point (E2, E8).
+    """Return a list with one pair (v, omega) for each joint, world axes: the velocity of a point of a body for q' = 1
+    of this joint alone, zero for joints that do not move the body (E2, E8). `body` is the number of the body, and d
+    leads from R1 of the base to the point.
     """
     on_path = joints_to_base(links, body)
     columns = []
@@ -271,8 +273,8 @@ def point_jacobian_columns(
 
 
 def base_jacobian_columns(d: Vector) -> list[tuple[Vector, Vector]]:
-    """Return a list of six pairs (v, omega) of a point at d from R1 of the base, for unit v1 and unit omega1 of the
-    base along each world axis (E8).
+    """Return a list of six pairs (v, omega), the velocities of a point for unit v1 along each world axis, then for
+    unit omega1 about each world axis, of the base (E8). The vector d leads from R1 of the base to the point.
     """
     x, y, z = d
     units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -396,8 +398,8 @@ Wrench: TypeAlias = tuple[Vector, Vector]
 
 
 def inertial_wrench(mass: Scalar, first_moment: Vector, second_moment: Symmetric, motion: Acceleration) -> Wrench:
-    """Return (force, torque) that give a body its motion, in body axes (T2). The torque is about the body's reference
-    point.
+    """Return the pair (force, torque) that gives a body its motion, an `Acceleration`, in body axes (T2). The torque
+    is about the body's reference point.
     """
     B, a = motion.B, motion.a
     xx, xy, xz, yy, yz, zz = second_moment
@@ -436,8 +438,9 @@ def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar
 
 
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
-    """Return a list with the effort of each joint's motor: the wrench's component along the axis, and the inertial
-    effort of the motor's own rotor (T3, T10).
+    """Return a list with the effort of each joint's motor: the sum of the wrench's component along the axis and of
+    armature times q'', the inertial effort of the motor's own rotor (T3, T10). `wrenches` begins with that of the
+    base.
     """
     loads = along_axes(links, wrenches)
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
@@ -504,8 +507,8 @@ def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
 def mass_matrix(
     links: Sequence[Link], placements: Sequence[Placement], composite_matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
-    """Return the rows of the mass matrix M up to its diagonal, as lists, and a list of the wrenches on the base, base
-    axes, for q'' = 1 of each joint (T4). composite_matter is the result of `composites`.
+    """Return the rows of the mass matrix M up to its diagonal, rotor inertias included, as lists, and a list of the
+    wrenches on the base, base axes, for q'' = 1 of each joint (T4). composite_matter is the result of `composites`.
     """
     rows: list[list[Scalar]] = []
     on_base = []
@@ -619,8 +622,9 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 def eliminate_joint(
     is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[JointElimination, SpatialInertia]:
-    """Return the elimination of a joint, and the articulated inertia that is left of its body for the parent (T5,
-    T10). `inertia` is the body's articulated inertia, and `reciprocal` is the function that computes 1 / D.
+    """Return the elimination of a joint, and the articulated inertia of its body that is left for the parent, still
+    in body axes (T5, T10). `inertia` is the body's articulated inertia, `armature` the inertia of the motor's rotor,
+    and `reciprocal` the function that computes 1 / D.
     """
     J, H, M = inertia
     if is_slider:
@@ -697,8 +701,9 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return a list of the q'' that the loads cause at each joint while its parent is at rest, and the wrench on the
-    base in base axes (T6). `eliminations` is the list that `eliminate_joints` returns.
+    """Return a list of the q'' that the loads, one number for each joint, cause at each joint while its parent is at
+    rest, and the wrench (force, torque) on the base in base axes (T6). `eliminations` is the list that
+    `eliminate_joints` returns.
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
@@ -730,8 +735,8 @@ def joint_accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """Return a list of q'' of all joints, from the list of `accelerations_by_loads` and the base's alpha and a in
-    base axes (T6).
+    """Return a list of q'' of all joints (T6). qdd_by_loads is the list that `accelerations_by_loads` returns,
+    `eliminations` the one that `eliminate_joints` returns, and alpha and a are those of the base in base axes.
     """
     bodies, qdd = [(alpha, a)], []
     for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):
@@ -767,8 +772,8 @@ def velocities_in_own_axes(
 
 
 def body_momenta(base: Base, links: Sequence[Link], own_velocities: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
-    """Return a list of (P, L), the linear and angular momentum of all bodies about their reference points (T8).
-    Velocities and momenta are in the axes of each body.
+    """Return a list of (P, L), the linear and angular momentum of all bodies about their reference points, the base
+    first (T8). own_velocities holds (v, omega); velocities and momenta are in the axes of each body.
     """
     result = []
     for body, (v, omega) in zip(_bodies(base, links), own_velocities, strict=True):
@@ -785,7 +790,7 @@ def kinetic_energy(
     qd: Sequence[Scalar],
 ) -> Scalar:
     """Return the kinetic energy of a tree: half the sum of v . P + omega . L of all bodies and of I q'^2 of all
-    rotors (T7, T10).
+    rotors (T7, T10). own_velocities holds (v, omega) and `momenta` holds (P, L), each in the axes of its body.
     """
     doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(own_velocities, momenta, strict=True)]
     doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]

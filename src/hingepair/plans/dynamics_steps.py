@@ -12,7 +12,7 @@ from hingepair.plans.steps import HINGE_POINT_STEPS, Step, same
 
 
 def _zero_vector() -> Vector:
-    """Return the zero vector."""
+    """Return the zero vector, a tuple of three zeros."""
     return eq.ZERO_VECTOR
 
 
@@ -161,8 +161,10 @@ def inertia_steps(base: str) -> tuple[Step, ...]:
 
 @functools.lru_cache(maxsize=64)
 def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
-    """Return a tuple of the steps that solve forward dynamics: from loads to a1, alpha1 and psidd (D6), then to all
-    quantities that depend on these. `base` says what holds body 1; the result is cached.
+    """Return a cached tuple of the steps that solve forward dynamics: the steps of kinematics, the steps from loads
+    to a1, alpha1 and psidd (D6), then those to all quantities that depend on these. `base` says what holds body 1:
+    nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried"), for which only psidd is solved
+    for.
 
     Args:
         kinematic_steps: steps to S1, omega1 and to the motion of body 2.

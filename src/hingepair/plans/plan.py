@@ -84,8 +84,9 @@ _SHAPE_BY_QUANTITY_NAME: Final[dict[str, Tail]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
-    """A kind of motion of a pair, in space or in a plane: names of its coordinates and of their parts, shapes of its
-    quantities, and the level at which each output is a default output.
+    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q, `parts`
+    the names of the parts of q, qd and qdd, `shapes` the shapes of one sample of all quantities, and `levels` the
+    level at which each output is a default output (None: never).
 
     Attributes:
         coordinates: what the components of q are called.
@@ -138,8 +139,8 @@ _COMPONENT_NAMES_BY_STEP_RESULT = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps that compute outputs of a pair from inputs, in order, with the names of the outputs and of the inputs
-    that are needed.
+    """The steps that compute outputs of a pair from inputs, in order. `outputs` are the names of the outputs, `steps`
+    the steps, `inputs` the names of the inputs that are needed, and `kind` is the `MotionKind`.
 
     Attributes:
         outputs: names, in the order asked for.
@@ -176,9 +177,10 @@ def make_plan(
     kind: MotionKind = SPATIAL_MOTION,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
-    """Return the cached plan that computes the named outputs of a pair; equal steps give the identical plan object.
-    `sequence` is None if S1 is given, `has_home` says that C is not the identity, and `given_names` are the inputs
-    beside the pair's constants.
+    """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
+    give the identical object. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not
+    the identity. `trig_functions` is a pair of functions, of phi and of psi, and `given_names` are the inputs beside
+    the pair's constants.
 
     Args:
         outputs: names of the outputs.
@@ -200,7 +202,9 @@ def make_plan(
 
 @functools.lru_cache(maxsize=1024)
 def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
-    """Return the cached plan that computes the outputs by these steps. Equal steps give the identical plan object."""
+    """Return the cached plan that computes the outputs by those of the steps `taken` that they depend on. Equal
+    arguments give the identical plan object.
+    """
     return Plan(outputs, *needed_steps(taken, outputs), kind)
 
 
@@ -229,15 +233,15 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 @functools.cache
 def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) if
-    the user names none.
+    """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) or
+    below it if the user names none. `kind` is the `MotionKind`, in space or in a plane.
     """
     return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
 
 
 def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raises an error if it is not
-    a collection of known names.
+    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raises an error if it is a
+    string, empty, not a collection, or contains a name that is not among known_names.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -262,8 +266,10 @@ def all_steps(
     kind: MotionKind = SPATIAL_MOTION,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
-    """Return a cached tuple of the steps to all quantities that can be computed from the given inputs. The parameters
-    are those of `make_plan`.
+    """Return a cached tuple of all steps that are possible from the given inputs, of which a plan takes those it
+    needs. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not the identity;
+    `trig_functions` is a pair of functions, of phi and of psi; `kind` is motion in space or in a plane; `given_names`
+    are the inputs beside the pair's constants.
     """
     if kind is PLANAR_MOTION:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
@@ -285,8 +291,9 @@ def all_steps(
 
 
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` is None if the attitude
-    of body 1 is given instead of Euler angles.
+    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` names the Euler angles
+    of body 1, None if its attitude is given instead; `has_home` says that C is not the identity; `trig_functions` is
+    a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
     """
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG_FUNCTIONS:
@@ -321,8 +328,8 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
 
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` are the
-    functions for the sines and cosines of phi1 and psi.
+    """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` is a pair of
+    functions: (sin, cos) of a tuple of angles, here phi1 alone, and (sin, 1 - cos) of psi.
     """
     if trig_functions == NUMERIC_TRIG_FUNCTIONS:
         return PLANAR_KINEMATICS_STEPS

@@ -85,7 +85,9 @@ def _largest_component(parts: tuple[Any, ...]) -> Any:
 
 
 def _rotation_defect(S: eq.Matrix) -> Any:
-    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. For a reflection, return 2."""
+    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. If the determinant of S is negative,
+    as of a reflection, return 2.
+    """
     *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
@@ -157,7 +159,7 @@ keep the hinge point of both bodies together to the last digit."""
 
 
 def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
-    """Return the rotation matrix about z (E11), where turn = (sin, cos) of the angle."""
+    """Return the rotation matrix about z, as nine entries (E11), where turn = (sin, cos) of the angle."""
     s, c = turn
     return c, -s, 0, s, c, 0, 0, 0, 1
 
@@ -188,7 +190,9 @@ def z_component(v: Vector) -> Scalar:
 
 
 def planar_velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), the time derivative of E11."""
+    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), the time derivative of E11. All arguments and the result are
+    vectors in space.
+    """
     return eq.add(v1, eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2)))
 
 
@@ -202,7 +206,7 @@ def planar_acceleration2(
 
 
 def as_tuple(*parts: Any) -> tuple[Any, ...]:
-    """Return the given values as one tuple."""
+    """Return the positional arguments, any number of them, as one tuple."""
     return parts
 
 
@@ -316,12 +320,14 @@ SENSITIVITY_STEPS = (
 
 
 def _twist(turn: Components) -> Any:
-    """Return the angle psi [rad] of a pair (sin, cos) that may be multiplied by a positive factor."""
+    """Return the angle psi [rad], where turn = (sin psi, cos psi); both may be multiplied by one positive factor."""
     return arc_tangent(turn[0], turn[1])
 
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
-    """Return the angle [rad] between the hinge axes h1 and h2 of both bodies."""
+    """Return the angle [rad] between the hinge axes h1 and h2 of both bodies. `tilt` holds the two components of h1 x
+    h2 across h1.
+    """
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 

@@ -79,8 +79,9 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What a program computes of a robot: the names of the outputs, whether the base is free, and the bodies of the
-    frames, including the frames under load.
+    """What a program computes of a robot: `outputs` are names, `free` says that forces move the base, and `frames`
+    are the numbers of the frames' bodies. `known` holds the frames' constants that are 0, 1 or -1 (else None), and
+    `loaded` the indices of the frames that wrenches act on.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
@@ -98,8 +99,8 @@ class Request(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed for a robot: a function that gives its shape, the names of its inputs, and the
-    function that computes it.
+    """An output that can be computed for a robot: the function `tail` returns its shape for a form and a request,
+    `inputs` are the names of its inputs, and the function `make` computes it from a `Computation`.
 
     Attributes:
         tail: its shape, of the number of columns of velocity (dof, and 6 more of a free base) and of frames.
@@ -113,7 +114,9 @@ class Output(NamedTuple):
 
 
 def velocity_count(form: Form, request: Request) -> int:
-    """Return the number of velocities: one for each coordinate, and six more for a free base."""
+    """Return the number of velocities of a robot: one for each coordinate of its form, and six more if the request is
+    for a free base.
+    """
     return form.dof + 6 * request.free
 
 
@@ -146,8 +149,8 @@ class Computation:
     # ---- coordinates of joints, and what acts along them
 
     def _of_joints(self, name: str) -> list[Scalar]:
-        """Return a list with a rate, or its derivative, of every joint, computed from the values by coordinate under
-        this name.
+        """Return a list with one number for each joint. `name` ("q", "qd" or "qdd") selects the values by coordinate;
+        each joint takes the value of its coordinate, times its multiplier if it is a mimic joint.
         """
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
@@ -175,7 +178,7 @@ class Computation:
 
     def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return a tuple of efforts by coordinate from the efforts of all joints. The effort of a mimic joint is
-        added to that of its leader, times its multiplier.
+        multiplied by its multiplier and added to that of its leader.
         """
         sums: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
@@ -244,8 +247,8 @@ class Computation:
         return self._accelerations_of_frames(self.accelerations)
 
     def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. Both may be parts of
-        accelerations only, such as a bias.
+        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. If the latter are
+        accelerations for q'' = 0, so are those of the frames.
         """
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
@@ -259,8 +262,9 @@ class Computation:
     def _jacobian_columns(
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
-        """Return a list of the columns of a Jacobian, each a tuple of six numbers: first those of a free base, then
-        one for each coordinate. Columns of mimic joints are added to those of their leaders.
+        """Return a list of the columns of a Jacobian, each a tuple of six numbers: first base_columns, then one
+        column for each coordinate. Both arguments hold pairs (linear, angular); columns of mimic joints are added,
+        times their multipliers, to those of their leaders.
         """
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
@@ -495,7 +499,9 @@ class Computation:
         return self._nan_where_singular(a, alpha, found[shift:])
 
     def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Solve M x = loads, and return the tuple x and a tuple of the pivots of M, without those of a free base."""
+        """Solve M x = loads for the mass matrix M, and return the tuple x and a tuple of the pivots of M, without
+        those of a free base.
+        """
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
         found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
@@ -596,8 +602,8 @@ def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
-    """Take the next numbers from an iterator, as many as each named shape needs. Return a dictionary of numbers and
-    of tuples of numbers.
+    """Take the next numbers from an iterator, as many as each of the named shapes needs. Return a dictionary by name,
+    of numbers for shape () and of tuples of numbers for others.
     """
     return {
         name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
@@ -617,13 +623,15 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 
 def _frames_shape(*own: int) -> Callable[[Form, Request], Tail]:
     """Return a function of (form, request) that returns the shape of an output with one part for each frame: the
-    number of frames, then the given lengths.
+    number of frames, then the lengths that are given as positional arguments.
     """
     return lambda _, request: (len(request.frames), *own)
 
 
 def _fixed_shape(*own: int) -> Callable[[Form, Request], Tail]:
-    """Return a function of (form, request) that always returns the given lengths as a shape."""
+    """Return a function of (form, request) that always returns the same shape: the tuple of the positional
+    arguments.
+    """
     return lambda *_: own
 
 
@@ -633,7 +641,9 @@ def _dof_shape(form: Form, _: Request) -> Tail:
 
 
 def _velocities_shape(*rows: int) -> Callable[[Form, Request], Tail]:
-    """Return a function of (form, request) that returns a shape: the given lengths, then the number of velocities."""
+    """Return a function of (form, request) that returns a shape: the lengths given as positional arguments, then the
+    number of velocities.
+    """
     return lambda form, request: (*rows, velocity_count(form, request))
 
 
@@ -740,7 +750,9 @@ def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute the outputs of a request from values of any kind of scalar, and return them by name."""
+    """Compute the outputs of a request for a robot of this form, and return a dictionary of them by name. `values`
+    holds the inputs by name, of any kind of scalar.
+    """
     computation = Computation(form, request, values)
     return {name: TREE_OUTPUT_BY_NAME[name].make(computation) for name in request.outputs}
 
