@@ -22,9 +22,9 @@ from hingepair.plans.trees import compute_request
 def error_bounds(
     computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of a robot's outputs at every sample; return a dict of arrays by output
-    name. An output has one bound for its largest component. An output of motion has one bound for each frame, along
-    the last axis.
+    """Compute bounds on the rounding errors of the outputs of a RobotComputation, for checked argument values and a
+    gravity vector [m/s^2]; return a dict of arrays by output name. An output has one bound for its largest component
+    at every sample. An output of motion has one bound for each frame, along the last axis.
     """
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
@@ -33,8 +33,8 @@ def error_bounds(
     frame_count = len(request.frames)
 
     def block_bounds(block_inputs: Named) -> Mapping[str, Any]:
-        """Return a dict of the error bounds of all outputs by name, for one block of samples; its inputs are given by
-        name.
+        """Return a dict of the error bounds of all outputs by name, for one block of samples. `block_inputs` is a
+        dict of tuples of components by input name.
         """
         bounded_inputs = {name: tuple(kind.rounded(c) for c in group) for name, group in block_inputs.items()}
         pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
@@ -59,8 +59,8 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
 
 
 def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the components of an input, one sample of which has the given shape, as a tuple of numbers or NumPy
-    arrays.
+    """Return the components of an input as a tuple of numbers or NumPy arrays. `value` is an array of samples, each
+    of the shape `sample_shape`, or a tuple of components.
     """
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)

@@ -69,7 +69,8 @@ def read_arguments(
     labelled_loads: Mapping[str, Any],
 ) -> InputValues:
     """Check the arguments of a robot's method, and return them as InputValues, the form that generated programs take.
-    Loads are given as (value, name for messages). Raise an ArgumentError if an argument cannot be used.
+    `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` a BodyMotion or None (a base at rest), and
+    `labelled_loads` a dict of (value, name for messages). Raise an ArgumentError if an argument cannot be used.
 
     Args:
         joint_names: names of the joints with a coordinate, in order.
@@ -121,9 +122,10 @@ def common_library(arguments: Mapping[str, Any]) -> Library | None:
 def read_coordinates(
     name: str, value: Any, joint_names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
-    """Check the argument q, qd, qdd or tau, and return its values and the shape of its samples. The values are an
-    array with one column for each joint, or a tuple of one component for each joint. Raise an ArgumentError if the
-    argument cannot be used.
+    """Check a value (an array, a table, or a dict by joint) of the argument `name`: q, qd, qdd or tau. Return
+    (values, shape of the samples); the values are an array with one column for each joint, or a tuple with one
+    component for each joint. Raise an ArgumentError if the value cannot be used. `library` is None or the library of
+    foreign arrays.
 
     Args:
         name: name of the argument: q, qd, qdd or tau.
@@ -153,8 +155,8 @@ def read_coordinates(
 
 
 def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a table (such as a DataFrame) that hold the argument `name` (q, qd, qdd or tau), in a
-    dict by column name in the order of q. Raise an ArgumentError if columns are missing.
+    """Return the columns of a table (such as a DataFrame) that hold the argument `name` (q, qd, qdd or tau), as a
+    dict of arrays by column name, in the order of `joint_names`. Raise an ArgumentError if columns are missing.
     """
     endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
     families = [tuple(f"{joint}{ending}" for joint in joint_names) for ending in endings]
@@ -162,8 +164,8 @@ def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> d
 
 
 def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
-    """Check a dict of values by joint; return the values as a tuple in the order of q, and the shape of their
-    samples. Raise an ArgumentError if a joint is unknown or missing.
+    """Check a dict of values by joint, given as the argument `name`. Return (components, shape of their samples); the
+    components are a tuple in the order of `joint_names`. Raise an ArgumentError if a joint is unknown or missing.
     """
     for joint in values:
         if joint not in joint_names:
@@ -186,9 +188,9 @@ def _joint_list(names: Sequence[str]) -> str:
 
 
 def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return a dict of the needed arrays of the base's motion by input name, which is empty for None. Raise an
-    ArgumentError if a needed array is missing. If the motion has only a pose, velocities and accelerations are not
-    needed.
+    """Return those arrays of a BodyMotion that are among `needed_inputs`, as a dict by input name such as "R1"; for
+    None, an empty dict. Raise an ArgumentError if a needed array is missing. If the motion has only a pose,
+    velocities and accelerations are not needed.
     """
     if base_motion is None:
         return {}
@@ -207,8 +209,8 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Check a force or a torque, shape (..., 3); return it and its leading shape. The number 0 becomes three zeros.
-    Raise an ArgumentError, which has the given name, for another shape.
+    """Check a force or a torque, shape (..., 3) or the number 0; return (value, shape of the samples). The number 0
+    becomes three zeros. Raise an ArgumentError with the argument's `name` if the value has another shape.
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
@@ -220,8 +222,9 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Check the argument `wrenches`, and return a dict of (force, torque) by link, which is empty for None. Raise an
-    ArgumentError for an unknown link or a value that is not a pair.
+    """Check the argument `wrenches`, None or a dict of pairs by link, and return a dict of (force, torque) by link,
+    which is empty for None. Raise an ArgumentError for a link that is not a key of `links`, or a value that is not a
+    pair.
 
     Raises:
         ArgumentError: an unknown link, or no pair of vectors; the error names it.
@@ -240,7 +243,8 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[An
 
 
 def check_out_names(out: Any, output_names: Sequence[str]) -> None:
-    """Check that the argument `out` is None or a dict whose keys are names of outputs; raise an ArgumentError if not.
+    """Check that the argument `out` is None or a dict whose keys are among `output_names`; raise an ArgumentError if
+    not.
 
     Raises:
         ArgumentError: names the output.

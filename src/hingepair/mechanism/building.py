@@ -30,8 +30,9 @@ BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 def tree_of_pairs(
     pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
 ) -> Tree:
-    """Return the tree of a robot that is given as hinges and sliders with the numbers of their parents. Raise an
-    ArgumentError if they do not form a tree in the order of q.
+    """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` are the numbers of the pairs'
+    first bodies (None for a chain), and `base` is "fixed" or "free". Raise an ArgumentError if the pairs do not form
+    a tree in the order of q.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
@@ -45,9 +46,10 @@ def tree_of_pairs(
 def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
-    """Read a robot from URDF, and return its tree. Joints in `locked` are held at the given positions [rad or m].
-    Angles within `snap` [rad] of a multiple of pi/2 are replaced by that multiple. Raise a URDFError if the URDF is
-    no tree of hinges and sliders.
+    """Read a robot from URDF, a file's path or text that starts with "<", and return its Tree. `base` is "fixed" or
+    "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]. Angles within `snap` [rad]
+    (0 for None) of a multiple of pi/2 are replaced by that multiple. Raise a URDFError if the URDF is no tree of
+    hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -59,9 +61,9 @@ def tree_of_urdf(
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return the tree of a Pinocchio model and the kind of its base, "fixed" or "free". Unless `base` is given, the
-    base is "free" if the model has a free-flyer. Joints in `locked` are held at the given positions [rad or m]. Raise
-    an ArgumentError for a model with joints of other kinds than hinges, sliders and mimic joints.
+    """Return (Tree, kind of the base) of a Pinocchio model. The kind is `base`, "fixed" or "free"; if `base` is None,
+    it is "free" if the model has a free-flyer. Joints in `locked`, a dict by name, are held at the given positions
+    [rad or m]. Raise an ArgumentError for a model with joints of other kinds than hinges, sliders and mimic joints.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
@@ -73,8 +75,8 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
 
 
 def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
-    """Return a joint as a HingePair or Slider between the frames of the two bodies that it connects. A body is None
-    in the pair if it has no mass, or if no rigid body can have its mass properties.
+    """Return a Joint of a tree as a HingePair or Slider between the frames of the two bodies that it connects. A body
+    is None in the pair if it has no mass, or if no rigid body can have its mass properties.
     """
     carrier = tree.base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
@@ -100,8 +102,9 @@ def _body_or_none(masses: MassProperties) -> Body | None:
 
 
 def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
-    """Return a copy of a tree with the mass and the shapes of a further body, which is fixed to the frame `link`.
-    Raise an ArgumentError if there is no such frame. `base` is the kind of the base, "fixed" or "free".
+    """Return a copy of a tree with the mass and the shapes of a further Body, which is fixed to the frame named
+    `link`. Notes on assumed masses of the Body are added to the tree's notes, unless `base` is "fixed" and the frame
+    is in the base. Raise an ArgumentError if there is no such frame.
 
     Raises:
         ArgumentError: no such frame, or no Body.
@@ -126,8 +129,9 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return a copy of a tree with a further frame, at position R and rotation S in an existing frame. Raise an
-    ArgumentError if the name is in use, or R or S cannot be used.
+    """Return a copy of a tree with a further frame called `name`, at position R [m] and rotation S (3, 3) relative to
+    the existing Frame `frame`; None for S is the identity. Raise an ArgumentError if the name is in use, or R or S
+    cannot be used.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.

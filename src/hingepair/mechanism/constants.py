@@ -66,8 +66,8 @@ class RobotConstants:
 
 
 def robot_constants(tree: Tree, free: bool) -> RobotConstants:
-    """Compute the constants of a robot's generated programs, and return them as RobotConstants. The mass of the base
-    counts only if the base is free.
+    """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
+    mass of the base counts only if the base is `free`, a boolean.
     """
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
@@ -111,14 +111,17 @@ def program_numbers(constants: RobotConstants) -> list[float]:
 
 
 def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
-    """Return the exact masses and moments at their positions among a robot's numbers; 0 at all others."""
+    """Return a list as long as a robot's program numbers, with the exact masses and moments of its bodies as
+    Fractions at their positions and 0 at all others. The mass of the base counts only if it is `free`, a boolean.
+    """
     axes = _axes_of_bodies(tree)
     return _padded_mass_numbers(_shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free)))
 
 
 def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
     """Return the exact derivatives of a robot's program numbers with respect to the ten mass properties of a payload
-    in a frame, as a list of ten rows (T9).
+    in a Frame, as a list of ten lists of Fractions (T9). They are 0 for a payload of the base unless the base is
+    `free`.
 
     The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
     about the frame's origin, in the frame's axes. The numbers are linear in them.
@@ -157,7 +160,9 @@ def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], t
 
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
-    """Return for every joint the index of its column in q, in a tuple; a mimic joint has the column of its leader."""
+    """Return a tuple with the index in q of the coordinate of every joint of a Tree; a mimic joint has the index of
+    its leader.
+    """
     places, column = {}, 0
     for number, joint in enumerate(tree.joints, 1):
         if joint.mimic is None:
@@ -185,8 +190,8 @@ def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
 
 
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation matrix whose third column is a unit axis; an exact signed permutation for axes along x, y or
-    z.
+    """Return a rotation matrix (3, 3) whose third column is the unit axis n; it is an exact signed permutation for
+    axes along x, y or z.
     """
     size = tuple(np.abs(n).tolist())
     if size in _PERMUTED_AXES_BY_JOINT_AXIS:
@@ -201,8 +206,8 @@ def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product A B of a matrix and a matrix or vector; products with 0 and 1 are exact, and -0.0 becomes
-    0.0.
+    """Return the product A B of a matrix (3, 3) and a matrix or vector as an array; products with 0 and 1 are exact,
+    and -0.0 becomes 0.0.
     """
     if B.ndim == 1:
         return _matrix_product(A, B[:, None])[:, 0]
@@ -220,15 +225,17 @@ class _MassMoments:
         self.m, self.h, self.N = m, h, N
 
     def add(self, m: Fraction, h: Exact, N: Exact) -> None:
-        """Add the mass and the moments of a further body to this object, in place."""
+        """Add the mass m, first moment h and second moment N (lists of Fractions) of a further body to this object,
+        in place.
+        """
         self.m += m
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
 
 
 def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Compute the exact moments of a body in the program's axes, from its mass properties in its own axes. `axes` is
-    the rotation from the program's axes to its own axes.
+    """Compute the exact moments of a body in the program's axes, from its MassProperties in its own axes. `axes` is
+    the rotation matrix from the program's axes to its own axes.
     """
     c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
     m = Fraction(body.mass)
@@ -240,8 +247,9 @@ def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMo
 
 
 def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
-    """Compute the exact moments of every body in the program's axes, in a list with the base first; the moments of a
-    fixed base are 0.
+    """Compute the exact moments of every body of a Tree in the program's axes, in a list with the base first; the
+    moments of the base are 0 unless it is `free`. `axes` holds, for each body, the rotation from the program's axes
+    to its own.
     """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
@@ -265,8 +273,9 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 def _shift_to_parents(
     tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Move the parts of each body's moments that do not depend on the position of its joint to the parent body (T9).
-    The list is changed in place and returned.
+    """Move those parts of each body's moments that do not depend on the position of its joint to the parent body
+    (T9). The list `moments` is changed in place and returned. `axes` holds, for each body, the rotation from the
+    program's axes to its own.
     """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]
@@ -302,8 +311,8 @@ def _rounded_numbers(moments: _MassMoments) -> list[float]:
 
 
 def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
-    """Return a list as long as a robot's program numbers, with the mass and moments of all bodies at their positions
-    and 0 at all others.
+    """Return a list as long as a robot's program numbers, with the ten mass numbers of each body in `moments` (the
+    base first) at their positions and 0 at all others.
     """
     before = [Fraction(0)] * 12  # in the place of S and u
     behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
@@ -335,14 +344,17 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
-    """Bound the rounding errors of a body's ten numbers, larger if axes are oblique and thus rounded."""
+    """Return a list of bounds on the rounding errors of a body's ten mass numbers. The bounds are larger if
+    `oblique`, that is, if axes of the program are rounded.
+    """
     size = _OBLIQUE_AXES_RELATIVE_ERROR * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Return a list with the base first and then every joint: the size below which a pivot D is only rounding error
-    (T5), or 0 if D cannot be that small.
+    """Return a list of numbers for the base and then every joint of a Tree. A number is the size below which a pivot
+    D is only rounding error (T5), or 0 if D cannot be that small. `axes` holds, for each body, the rotation from the
+    program's axes to its own.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.

@@ -88,8 +88,8 @@ class RobotComputation:
         self._calls: dict[Any, Call] = {}
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
-        """Return a dict of all inputs of the program by name. Inputs without a value are those of a base at rest and
-        of no loads.
+        """Return a dict of all inputs of the program by name: the checked `values`, the `gravity` vector [m/s^2], and
+        for the others those of a base at rest and of no loads.
         """
         assumed = {
             **RESTING_BASE_VALUE_BY_INPUT,
@@ -102,8 +102,8 @@ class RobotComputation:
     def call(
         self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
     ) -> Call:
-        """Return the call for arguments of these names, which is made at its first use and cached. With
-        `check_attitude`, the call raises an error for an S1 that is not a rotation.
+        """Return the Call for arguments of these names, which is made at its first use and cached; `gravity` [m/s^2]
+        is a constant in it. With `check_attitude`, the call raises an error for an S1 that is not a rotation.
         """
         key = argument_names, gravity, backend, check_attitude
         call = self._calls.get(key)
@@ -138,8 +138,10 @@ class RobotComputation:
         execution: Execution,
         check_attitude: bool = False,
     ) -> Any:
-        """Compute the outputs at all samples, and return them as an object of the class `result`, or the only output
-        as a bare array. Write into the arrays of `out`. Raise an ArgumentError if `out` or a shape cannot be used.
+        """Compute the outputs for checked argument values at all samples, and return them as an object of the class
+        `result`, or the only output as a bare array if that class is None. Write into the arrays of `out`. Raise an
+        ArgumentError if `out` or a shape cannot be used, and with `check_attitude` if S1 is not a rotation.
+        `execution` holds backend and number of threads.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
@@ -156,8 +158,9 @@ class RobotComputation:
             raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
 
     def count_operations(self, known_inputs: Mapping[str, Any] | None = None) -> OperationCounts:
-        """Count the operations of the program that folds the known inputs, and of the program without known inputs;
-        return them as OperationCounts.
+        """Count the operations of the program that folds known inputs, and of the program that folds none; return
+        both as OperationCounts. In `known_inputs`, a dict by input name or None, a number is a known value, and an
+        array is not. The outputs are not computed.
 
         Args:
             known_inputs: arguments by input name, of which numbers are known; arrays of samples unless given.

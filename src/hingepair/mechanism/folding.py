@@ -72,9 +72,10 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the tree of the joints that move, from parts (the base, then the joints). The bodies that fixed and
-    locked joints connect are merged. Warn of joints that are locked beyond their limits. Raise an ArgumentError if a
-    locked joint or a leader does not exist.
+    """Return the Tree of the joints that move, from JointParts (the base, then the joints). `locked` is None or a
+    dict of positions [rad or m] at which joints are held. The bodies that fixed and locked joints connect are merged.
+    If `base` is "fixed", notes on the masses of the base are left out. Warn of joints that are locked beyond their
+    limits. Raise an ArgumentError if a locked joint does not exist, or if joints follow each other in a circle.
 
     Args:
         name: name of the robot.
@@ -123,8 +124,8 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Check the positions of locked joints, and return them in a dict by name. Warn of positions beyond the joints'
-    limits; raise an ArgumentError for an unknown joint.
+    """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Warn
+    of positions beyond the limits of the joints in `parts`. Raise an ArgumentError for an unknown joint.
     """
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
@@ -146,15 +147,16 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return a dict of the rule of each joint by name: its position if it is held, a MimicRecord if it follows
-    another joint, or None if it moves by itself. A chain of followers is composed to a rule for the last leader.
-    Raise an ArgumentError if joints follow each other in a circle.
+    """Return a dict of the rule of each joint by name: its position if it is fixed or in `positions` (a dict of the
+    locked joints), a MimicRecord if it follows another joint, or None if it moves by itself. A chain of followers is
+    composed to a rule for the last leader. Raise an ArgumentError if joints follow each other in a circle.
     """
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
-        """Return the rule of one joint, composed with the rules of its leaders: a position, a MimicRecord, or None.
-        Raise an ArgumentError if the joint follows itself.
+        """Return the rule of one joint, composed with the rules of its leaders: its position if it or its last leader
+        is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself. Raise an ArgumentError
+        if the joint follows itself.
         """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
@@ -177,8 +179,9 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return a list of (number of the body, pose in that body) for the parts. A part that does not move belongs to
-    the body of the part that carries it.
+    """Return a list with a pair (number of the body, FramePose in that body) for each part. A part that moves has its
+    own body, whose number is in `body_numbers` by name. A part whose rule is a position belongs to the body of the
+    part that carries it.
     """
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
@@ -210,8 +213,9 @@ def _tree_joint(
     body_numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
 ) -> Joint:
-    """Return a moving part as a Joint of the tree, with the mass properties of its body; `carrier_pose` is the pose
-    of the carrying part in its body. Raise an ArgumentError if its position overflows.
+    """Return a moving part as a Joint of the tree with the mass properties `masses`. `parent_body` is the number of
+    the body that carries it, and `carrier_pose` the pose of the carrying part in that body. `rules` are the joints'
+    rules and `body_numbers` the bodies' numbers, by joint name. Raise an ArgumentError if its position overflows.
     """
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
@@ -234,8 +238,9 @@ def _tree_joint(
 def _links_and_frames(
     parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
-    """Return two dicts of frames by name: the frames of links, and the further frames (of fixed and locked joints,
-    and those that the parts list). Raise an ArgumentError if a position overflows.
+    """Return two dicts of Frames by name: the frames of links, and the further frames (of fixed and locked joints,
+    and those that the parts list). `body_poses` has a pair (body number, FramePose) for each part; the names of
+    moving joints are the keys of `body_numbers`. Raise an ArgumentError if a position overflows.
     """
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
@@ -254,8 +259,8 @@ def _links_and_frames(
 
 
 def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
-    """Return a pose in a body as a Frame; raise an ArgumentError, which begins with the label, if its numbers are not
-    finite.
+    """Return a FramePose in the body of this number as a Frame. Raise an ArgumentError, which begins with the label,
+    if its numbers are not finite.
     """
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")
@@ -263,8 +268,8 @@ def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the sum of the mass properties of rigidly joined links, which are given by name, as MassProperties of
-    one body. Raise an ArgumentError if the sum overflows.
+    """Return the sum of the mass properties of rigidly joined links as MassProperties of one body. `inertias` is a
+    dict of Inertia records by link name, all in the axes of that body. Raise an ArgumentError if the sum overflows.
     """
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
@@ -280,7 +285,7 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
 
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
     """Return a sentence that names the links of a body whose mass properties no rigid body can have; "" if a rigid
-    body can have them.
+    body can have them. `inertias` is a dict of Inertia records by link name.
     """
     reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
@@ -290,8 +295,8 @@ def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
 
 
 def unphysical_reason(masses: MassProperties) -> str:
-    """Return the reason, as text, why no rigid body can have some mass properties; "" if a rigid body can have them
-    or the mass is 0.
+    """Return the reason, as text, why no rigid body can have the MassProperties `masses`; "" if a rigid body can have
+    them, or if they are all 0.
     """
     if not masses.mass and not masses.inertia.any():
         return ""

@@ -98,13 +98,15 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from URDF, and return it as a Mechanism. Warn of joints that are locked beyond their limits,
-        and of mimic joints whose leader does not exist.
+        """Read a robot from URDF, a file's path or text, and return it as a Mechanism. `base` is "fixed" or "free",
+        and joints in `locked`, a dict of positions by name, are held. Angles within `snap` [rad] of a multiple of
+        pi/2 are taken as that multiple. Warn of joints that are locked beyond their limits, and of mimic joints whose
+        leader does not exist.
 
         Revolute and continuous joints become hinges, prismatic joints sliders. The links that a fixed joint connects
         become one body, which has the mass of both. A mimic joint has no coordinate: it follows its leader. Masses
-        are used as they are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies when
-        forces or accelerations are computed.
+        and inertias are used as they are written, even if no rigid body can have them; a `DynamicsWarning` names such
+        bodies at the first computation with masses.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<").
@@ -112,8 +114,9 @@ class Mechanism(MechanismMethods):
             locked: positions [rad or m] at which joints are held, by the joint's name, such as
                 {"panda_finger_joint1": 0.02}; mimic joints that follow them are held too. A position beyond the
                 joint's limits is used, with a `DynamicsWarning`.
-            snap: tolerance [rad], such as 1e-6: angles of origins (rpy) that are within it of a multiple of pi/2 are
-                replaced by that multiple. Unless given, only the double nearest to a multiple of pi/2 is replaced.
+            snap: tolerance [rad], such as 1e-6. An angle of an origin (rpy) that differs from a multiple of pi/2 by
+                at most this is taken as exactly that multiple: its sine and cosine are exactly 0, 1 or -1. By
+                default, only the double nearest to a multiple of pi/2 is taken so.
 
         Raises:
             URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or
@@ -132,7 +135,9 @@ class Mechanism(MechanismMethods):
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
         """Return the robot of a Pinocchio model as a Mechanism, for example one that Pinocchio has read from MJCF.
-        Warn if the model's gravity differs from the default of the methods.
+        `base` is "fixed", "free" or None (as in the model); joints in `locked`, a dict of positions by name, are
+        held. Warn if the model's gravity differs from the default of the methods, and of joints that are locked
+        beyond their limits.
 
         The inertias of the motors' rotors (`model.armature`) are counted in forces, the mass matrix, forward dynamics
         and kinetic energy, as in Pinocchio. One exception: for a joint whose axis is not a coordinate axis,
@@ -246,7 +251,8 @@ class Mechanism(MechanismMethods):
     # ---- extended copies
 
     def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return a copy of the robot with a further body that is fixed to a link.
+        """Return a copy of the robot with a further Body that is fixed to the link, joint or frame named `link`. The
+        robot itself is not changed.
 
         Args:
             link: name of the link, joint or other frame to which the body is fixed. The origin and axes of this frame
@@ -267,7 +273,9 @@ class Mechanism(MechanismMethods):
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return a copy of the robot with a further named frame, for example the frame of a tool.
+        """Return a copy of the robot with a further frame called `name`, for example the frame of a tool. It is fixed
+        to the link or frame named `link`, at position R [m] and rotation S (3, 3), identity unless given. The robot
+        itself is not changed.
 
         Args:
             name: name of the new frame, which no link, joint or frame has yet.
@@ -299,8 +307,8 @@ class Mechanism(MechanismMethods):
         return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, 10}), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the moving joints: title, rows and notes; robots with rotors have a column of
-        armatures.
+        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Robots with rotor
+        inertias have a column of armatures.
         """
         joints = self.tree.joints
         geared = any(joint.armature for joint in joints)
@@ -319,7 +327,9 @@ class Mechanism(MechanismMethods):
 
 
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
-    """Return a robot of the given class with a given tree, without the checks of the constructor."""
+    """Return a robot of the given class with a Tree and a base, "fixed" or "free", without the checks of the
+    constructor.
+    """
     mechanism = object.__new__(mechanism_class)
     mechanism._set(tree, base)
     return mechanism

@@ -118,8 +118,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the poses of frames; with `qd` also their velocities, with `qdd` also their accelerations (E2, E5,
-        E7-E9). Arrays in `out` are written in place.
+        """Compute the poses of frames, named by `frames`; with `qd` also their velocities, with `qdd` also their
+        accelerations (E2, E5, E7-E9). Return a MechanismState. `base_motion` is a BodyMotion; without it, the base
+        rests at the origin of the world. Arrays in `out`, a dict by output name, are written in place.
 
         Args:
             q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
@@ -139,7 +140,7 @@ class MechanismMethods(Shown):
 
         Returns:
             The motion of the frames: `state["panda_hand"].R` is the position of one frame, `state.R` that of all
-            frames, with an axis of frames behind the samples. The dtype is float32 if all given arrays are float32,
+            frames, whose axis follows the axes of the samples. The dtype is float32 if all given arrays are float32,
             else float64.
 
         Raises:
@@ -240,8 +241,9 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Compute rigorous bounds on the rounding error of each output at every sample; return a dict of arrays by
-        output name.
+        """Compute rigorous bounds on the rounding error of each of the named outputs at every sample; return a dict
+        of arrays by output name. The outputs are those of the robot's methods for these arguments, by default those
+        of `forward_kinematics`; `base_motion` is a BodyMotion.
 
         The error is the difference from the exact result of the equations for the given coordinates and the joints
         and bodies of this robot as stored (`robot.tree`). The bounds are rigorous for both backends if sines and
@@ -323,9 +325,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute the joint torques and forces, and the load on the base, that a motion of the robot requires
-        (T1-T3). Arrays in `out` are written in place. Warn once of masses that are assumed or that no rigid body can
-        have.
+        """Compute the joint torques and forces `tau`, and the load `force1`, `torque1` on the base, that a motion of
+        the robot requires (T1-T3); return a MechanismForces. `wrenches` is a dict of further loads (force, torque) by
+        link; `base_motion` is a BodyMotion. Arrays in `out`, a dict by output name, are written in place. At the
+        robot's first computation with masses, warn of masses and inertias that were not given, for which defaults are
+        used, and of those that no rigid body can have.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -381,9 +385,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute the accelerations of the robot under given torques and forces (T5, T6). Samples with a singular
-        mass matrix are NaN, and a warning says so. Arrays in `out` are written in place. Warn once of masses that are
-        assumed or that no rigid body can have.
+        """Compute the accelerations of the robot under given torques and forces (T5, T6); return a
+        MechanismAccelerations of `qdd`, for a free base also `a1` and `alpha1`. Samples with a singular mass matrix
+        are NaN, and a warning says so. `wrenches` and `base_motion` are as for `inverse_dynamics`; force1 and torque1
+        act on a free base. Arrays in `out`, a dict by output name, are written in place. At the robot's first
+        computation with masses, warn of masses and inertias that were not given, for which defaults are used, and of
+        those that no rigid body can have.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -435,9 +442,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M in M @ qdd + bias = tau (T4); shape (..., dof, dof). For a free base, compute M
-        in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array `out` is
-        written in place.
+        """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
+        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
+        `out` is written in place. Warn of masses as `inverse_dynamics` does.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -461,8 +468,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3), shape (..., dof), for a free base
-        (..., 6 + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place.
+        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof), for a free base (..., 6
+        + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place. Warn of
+        masses as `inverse_dynamics` does.
 
         They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau): force on
         the base at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and
@@ -488,8 +496,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3); shape (..., dof), for a
-        free base (..., 6 + dof). The array `out` is written in place.
+        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
+        for a free base (..., 6 + dof). The array `out` is written in place. Warn of masses as `inverse_dynamics`
+        does.
 
         For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
         then the forces of the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
@@ -513,8 +522,8 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the position of the robot's centre of mass, world axes [m]; shape (..., 3). The mass of a "fixed"
-        base is not counted. The array `out` is written in place.
+        """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
+        "fixed" base is not counted. The array `out` is written in place. Warn of masses as `inverse_dynamics` does.
 
         The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
         body is `Body.center_of_mass`.
@@ -535,9 +544,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of the centre of mass, shape (..., 3, dof): the velocity of the centre of mass is
-        J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof). The array `out` is
-        written in place.
+        """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): the velocity of the centre of mass
+        is J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof). The array `out` is
+        written in place. Warn of masses as `inverse_dynamics` does.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -559,8 +568,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias; shape (..., 3). For a
-        free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place.
+        """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias, as an array (..., 3).
+        For a free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place. Warn
+        of masses as `inverse_dynamics` does.
 
         J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
         `acceleration_bias`, without `frame`.
@@ -584,7 +594,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Energy:
         """Compute the kinetic and the potential energy of the robot [J]; return an Energy of `.kinetic` and
-        `.potential`, shape (...) each (T7). The potential energy is 0 for a mass at the origin of the world.
+        `.potential`, arrays of shape (...) (T7). The potential energy is 0 for a mass at the origin of the world.
+        Warn of masses as `inverse_dynamics` does.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
         kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -610,7 +621,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Momentum:
         """Compute the linear [kg m/s] and the angular momentum [kg m^2/s] of the robot, world axes; return a Momentum
-        of `.linear` and `.angular`, shape (..., 3) each (T8).
+        of `.linear` and `.angular`, shape (..., 3) each (T8). The angular momentum is taken about the point `about`,
+        "origin" (of the world) or "centre" (of mass). Warn of masses as `inverse_dynamics` does.
 
         The angular momentum is taken about the point `about`: the "origin" of the world (default), or the "centre" of
         mass. The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`,
@@ -638,7 +650,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> PreparedMechanism:
         """Plan, check and compile a computation once, and return it as a callable for loops over single states or
-        small batches.
+        small batches. `given` is the name of a computation such as "jacobian", or a tuple of the names of the
+        callable's arguments. `frames` and `outputs` name what is computed.
 
         Args:
             given: one of two things:
@@ -646,8 +659,8 @@ class MechanismMethods(Shown):
                 - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian" or
                   "acceleration_bias" (of one frame), "inverse_dynamics", "forward_dynamics", "mass_matrix",
                   "bias_forces" or "gravity_forces". The callable then takes the coordinates of that computation as
-                  arrays: q; q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
-                  "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics".
+                  arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
+                  "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
                   `outputs` then names the outputs.
@@ -700,8 +713,10 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would make for these
-        arguments, and return the counts. The outputs are not computed.
+        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would make for q, for q and
+        qd, or for q, qd and qdd, given in this order. Return OperationCounts of `per_sample`, `shared` and
+        `unfolded`. A plain number in a dict of coordinates is a constant, which saves operations. The outputs are not
+        computed.
 
         A plain number in a dict of coordinates is a constant for all samples. Operations on constants alone are
         saved, or made once for all samples.
@@ -738,9 +753,9 @@ class MechanismMethods(Shown):
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
-        """Check the argument `outputs` of `prepare`, and return a tuple of the names of the outputs that the prepared
-        call computes. `given` is the argument of `prepare`, and `argument_names` are the names of the call's
-        arguments. Raise an ArgumentError for an unknown output.
+        """Check the argument `outputs` of `prepare`, None or names, and return a tuple of the names of the outputs
+        that the prepared call computes. `given` is the argument of `prepare`, and `argument_names` are the names of
+        the call's arguments. Raise an ArgumentError for an unknown output.
         """
         acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
@@ -772,8 +787,8 @@ class MechanismMethods(Shown):
     # ---- internal
 
     def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Check names of frames, and return a dict of the frames by name; for None, the frames of the last links of
-        all branches. Raise an error that names the argument if there is no such frame.
+        """Return a dict of Frames by name for one name or several; for None, the frames of the last links of all
+        branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or no name.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -787,8 +802,8 @@ class MechanismMethods(Shown):
         return {one: self._named_frame(argument, one) for one in names}
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
-        """Return the frame of a link, a joint or a further frame by its name; raise an ArgumentError, which names the
-        argument, if there is none.
+        """Return the Frame of a link, a joint or a further frame by its name. Raise an ArgumentError for the argument
+        named `argument` if there is none.
 
         Raises:
             ArgumentError: no such frame.
@@ -800,8 +815,9 @@ class MechanismMethods(Shown):
         return frame
 
     def _frame_or_only_tip(self, frame: str | None) -> str:
-        """Check the argument `frame`, and return the frame's name; for None, the name of the last link of the robot's
-        only branch. Raise an ArgumentError if there are several branches, or the argument is no text.
+        """Check the argument `frame`, a name or None, and return the name; for None, the name of the last link of the
+        robot's only branch. Raise an ArgumentError for None if there are several branches, or if the argument is no
+        text. Whether a frame has the name is not checked.
         """
         if frame is None:
             if len(self.tree.tips) != 1:
@@ -820,9 +836,9 @@ class MechanismMethods(Shown):
         out: Out,
         accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUTS,
     ) -> tuple[str, ...]:
-        """Check the argument `outputs`, and return a tuple of the names to compute. For None, these are all outputs
-        of motion up to a level (0 pose, 1 velocity, 2 acceleration), and those in `out`. Raise an ArgumentError for a
-        name that is not accepted.
+        """Check the argument `outputs`, None or names, and return a tuple of the names to compute. For None, these
+        are all outputs of motion up to a level (0 pose, 1 velocity, 2 acceleration), and the accepted keys of `out`.
+        Raise an ArgumentError for a name that is not among `accepted_names`.
         """
         default_names = tuple(name for names in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in names)
         return _checked_outputs(outputs, out, accepted_names, default_names)
@@ -830,8 +846,8 @@ class MechanismMethods(Shown):
     def _computation(
         self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
     ) -> RobotComputation:
-        """Return the computation of these outputs and frames, which is made at its first use and cached. Wrenches act
-        on the first `loaded_frame_count` frames.
+        """Return the RobotComputation of these outputs and frames (a dict of Frames by name, or None), which is made
+        at its first use and cached. Wrenches act on the first `loaded_frame_count` frames.
         """
         names = tuple(frames or ())
         key = outputs, names, loaded_frame_count
@@ -854,8 +870,8 @@ class MechanismMethods(Shown):
     def _check_needed_inputs(
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
     ) -> None:
-        """Check that the coordinates hold each of q, qd, qdd and tau that the outputs need; raise an ArgumentError if
-        one is missing.
+        """Check that the dict `coordinates` holds each of q, qd, qdd and tau that the computation needs. Raise an
+        ArgumentError if one is missing, which names the first of the `outputs` that needs it.
         """
         for name in ("q", "qd", "qdd", "tau"):
             if name in computation.inputs and name not in coordinates:
@@ -867,8 +883,9 @@ class MechanismMethods(Shown):
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 
     def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Check the argument `wrenches`; return a dict of (value, name for messages) by input name, and a dict of the
-        frames of the loaded links by link. Raise an ArgumentError for an unknown link.
+        """Check the argument `wrenches`, None or a dict of (force, torque) by link. Return two dicts: (value, name
+        for messages) by input name such as "force_0", and the Frames of the loaded links by link. Raise an
+        ArgumentError for an unknown link.
         """
         by_link = read_wrenches(wrenches, self.tree.links)
         labelled_loads = {
@@ -879,8 +896,8 @@ class MechanismMethods(Shown):
         return labelled_loads, {link: self.tree.links[link] for link in by_link}
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return a dict of (value, name for messages) by input name for the loads on a free base. Loads of the number
-        0 are left out. Raise an ArgumentError for other loads if the base is fixed.
+        """Return a dict of (value, name for messages) for the loads force1 and torque1 on a free base, by these
+        names. Loads of the number 0 are left out. Raise an ArgumentError for other loads if the base is fixed.
 
         Raises:
             ArgumentError: the base is fixed.
@@ -905,8 +922,10 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = GRAVITY,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`. For
-        Dask arrays, return lazy arrays. Warn once of assumed or impossible masses if the outputs depend on masses.
+        """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`.
+        `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` None or a BodyMotion, and `labelled_loads`
+        None or a dict of (value, name for messages). For Dask arrays, return lazy arrays. If the outputs depend on
+        masses, warn once of assumed or impossible masses.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
@@ -940,8 +959,8 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         labelled_loads: Mapping[str, tuple[Any, str]],
     ) -> Any:
-        """Return the outputs for arguments with Dask arrays as lazy Dask arrays, which are computed later, chunk by
-        chunk.
+        """Return the outputs of a computation for arguments with Dask arrays as lazy Dask arrays, which are computed
+        later, chunk by chunk. The arguments are as for `_run`; an `out` that is not None raises an error.
         """
         tails = {
             **dict.fromkeys(coordinates, (computation.form.dof,)),
@@ -972,7 +991,10 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         **values: Any,
     ) -> Any:
-        """Compute and return the outputs for one chunk of Dask arrays; the key of the cache names the computation."""
+        """Compute and return the outputs for one chunk of Dask arrays. `cache_key` is (outputs, frames, number of
+        loaded frames) of the computation; `load_labels` are the loads' names for messages, by input name. Coordinates
+        and loads are passed by keyword.
+        """
         outputs, frames, loaded_frame_count = cache_key
         computation = self._computation(
             outputs, {name: self._named_frame("frames", name) for name in frames}, loaded_frame_count
@@ -995,7 +1017,8 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = GRAVITY,
     ) -> FloatArray:
         """Compute the only output of a computation, and return it as a bare, writable array; write into the array
-        `out`.
+        `out` unless it is None. `coordinates` is a dict of q, qd or qdd by name, and `base_motion` None or a
+        BodyMotion.
         """
         (name,) = computation.request.outputs
         arrays = None if out is None else {name: out}
@@ -1003,7 +1026,9 @@ class MechanismMethods(Shown):
         return result
 
     def _warn_of_masses(self) -> None:
-        """Warn of masses that are assumed, or that no rigid body can have, at the first call only."""
+        """Issue the tree's notes on masses that are assumed, or that no rigid body can have, as DynamicsWarnings; at
+        the first call for a robot only.
+        """
         prepared = self._constants.cache
         if "doubts" not in prepared:
             prepared["doubts"] = True
@@ -1013,8 +1038,9 @@ class MechanismMethods(Shown):
     def _warn_where_singular(
         self, result: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
     ) -> None:
-        """Warn if the accelerations are NaN at any sample because the mass matrix is singular there; name a joint
-        whose motion no inertia resists.
+        """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is
+        singular there; name a joint whose motion no inertia resists. The matrix is checked for the coordinates q and
+        the BodyMotion `base_motion`, which may be None.
         """
         if not self._constants.may_be_singular or not isinstance(result.qdd, np.ndarray):
             return
@@ -1041,8 +1067,9 @@ def _checked_outputs(
     accepted_names: tuple[str, ...],
     default_names: tuple[str, ...] | None = None,
 ) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return a tuple of the names to compute. For None, these are the default names
-    (unless given, all accepted names) and those in `out`. Raise an ArgumentError for a name that is not accepted.
+    """Check the argument `outputs`, None or names, and return a tuple of the names to compute. For None, these are
+    `default_names` (if that is None, all `accepted_names`) and the accepted keys of `out`. Raise an ArgumentError for
+    a name that is not accepted.
     """
     if outputs is None:
         more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()

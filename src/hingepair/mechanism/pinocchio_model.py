@@ -83,9 +83,9 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 def _parts_of_joint(
     model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
 ) -> list[JointPart]:
-    """Return a list of the parts of one joint; a composite joint has several. The first becomes part number
-    `first_part`, on the part `parent_part`; the last holds the joint's body. Raise an ArgumentError for a joint that
-    is not a hinge, a slider or a mimic joint.
+    """Return one joint of a Pinocchio model as a list of JointParts; a composite joint has several. The first becomes
+    part number `first_part`, on part number `parent_part`; the last gets `body_content`, the keyword arguments that
+    describe the joint's body. Raise an ArgumentError for a joint that is not a hinge, a slider or a mimic joint.
     """
     joint, name, pose = (
         model.joints[joint_number],
@@ -126,8 +126,10 @@ def _part_of_joint(
     idx_v: int,
     body_content: Any,
 ) -> JointPart:
-    """Return one joint as a part; its coordinates begin at idx_q in Pinocchio's q and at idx_v in v. Raise an
-    ArgumentError if the joint is not a hinge, a slider or a mimic joint, or if its armature is negative.
+    """Return one joint, or one joint of the composite joint `joint_number`, as a JointPart on part number
+    `parent_part`, with the pose `pose` and the keyword arguments `body_content`. Its coordinates begin at idx_q in
+    Pinocchio's q and at idx_v in v. Raise an ArgumentError if the joint is not a hinge, a slider or a mimic joint, or
+    if its armature is negative or not finite.
     """
     kind = joint.shortname()
     if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:
@@ -208,8 +210,8 @@ class _BodyContents:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return a dict of the keyword arguments of `JointPart` that describe the body of a joint: links, leaves,
-        frames and inertias.
+        """Return a dict of the keyword arguments of `JointPart` that describe the body of the joint of this number:
+        links, leaves, frames and inertias.
         """
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]

@@ -121,7 +121,8 @@ class PreparedMechanism:
 
     def _run_any_arguments(self, arguments: Sequence[Any], out: Out) -> Any:
         """Check arguments that the fast path refuses, such as tables and arrays of other libraries; compute and
-        return the results, and write into the arrays of `out`. Raise an ArgumentError if an argument cannot be used.
+        return the results. The arguments are in the order of `given`. Write into the arrays of `out`, None or a dict
+        by output name. Raise an ArgumentError if an argument cannot be used.
         """
         if len(arguments) != len(self.given):
             raise ArgumentError(
@@ -153,8 +154,8 @@ def _call_factory(function: Callable[[], Any]) -> Any:
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare` (the name of a computation, or names of arguments), and return a tuple
-    of the names of the call's arguments. Raise an ArgumentError for an unknown name, or if q, qd, qdd or tau is among
-    `needed_inputs` but not among the names.
+    of the names of the call's arguments. Raise an ArgumentError for an unknown or repeated name, or if q, qd, qdd or
+    tau is among `needed_inputs` but not among the names.
 
     Raises:
         ArgumentError: an unknown name, or one twice.

@@ -12,7 +12,8 @@ from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
-    """The shapes by which a body is drawn, and whether they show all of it.
+    """Drawing of a body: `shapes`, a tuple of boxes, cylinders and spheres, and `complete`, whether they show all of
+    the body.
 
     Attributes:
         shapes: shapes in the axes of the body, from its reference point.
@@ -24,8 +25,8 @@ class BodyDrawing(NamedTuple):
 
 
 def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
-    """Return the BodyDrawing of a body from pairs (shapes, pose) of its parts. It is empty if a part is drawn by
-    meshes (its shapes are None), or if a position overflows.
+    """Return the BodyDrawing of a body from pairs (shapes, FramePose), one for each of the links that form it. It is
+    empty if the shapes of a link are None (it is drawn by meshes), or if a position overflows.
     """
     placed: list[Shape] = []
     for shapes, pose in shapes_and_poses:
@@ -39,8 +40,9 @@ def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, Fram
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the boxes, cylinders and spheres of a link as a tuple, in the axes of the link; empty if nothing is
-    drawn. Return None if the link is drawn by meshes, or if its elements cannot be read.
+    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link; empty if nothing
+    is drawn. The kinds of elements ("visual", "collision") to search are given in order; the first that holds only
+    such shapes is used. Return None if the link is drawn by meshes, or if its elements cannot be read.
 
     Args:
         link: record of the link.
@@ -59,7 +61,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
 
 
 def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
-    """Return a list of shapes, transformed by the pose of the frame in which they are given."""
+    """Return a list of copies of shapes, transformed by the FramePose of the frame in which they are given."""
     placed: list[Shape] = []
     for shape in shapes:
         center = pose.origin + pose.rotation @ shape.center
@@ -73,7 +75,7 @@ def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
 
 
 def _shape_of_visual(visual: Visual) -> Shape:
-    """Convert a box, cylinder or sphere of a URDF to a shape."""
+    """Convert a Visual record of a URDF, whose kind is box, cylinder or sphere, to a Box, Cylinder or Sphere."""
     axes, center = (part + 0.0 for part in visual.pose)
     if visual.kind == "box":
         return Box(visual.sizes, center, axes)

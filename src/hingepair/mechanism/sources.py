@@ -32,9 +32,9 @@ BASE_LINK_NAME = "base"
 
 
 def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
-    """Convert a robot that was read from URDF to a list of parts: the base, then the joints depth-first by name. Warn
-    of a mimic joint whose leader does not exist. Raise a URDFError for links and joints that do not form a tree of
-    hinges and sliders.
+    """Convert a RobotRecord that was read from URDF to a list of JointParts: the base, then the joints depth-first by
+    name. Warn of a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for links and
+    joints that do not form a tree of hinges and sliders.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
@@ -71,7 +71,9 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments of `JointPart` that describe a link: links, leaves, inertias, shapes."""
+    """Return a dict of the keyword arguments of `JointPart` that describe a link of a RobotRecord: links, leaves,
+    inertias, shapes. The link is among the leaves if `is_leaf`.
+    """
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
     return {
@@ -83,8 +85,9 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
-    """Convert hinges and sliders that share bodies to a list of parts: the base, then the pairs in order. Raise an
-    ArgumentError if they do not form a tree in the order of q.
+    """Convert HingePairs and Sliders that share bodies to a list of JointParts: the base, then the pairs in order.
+    `parents` are the numbers of the pairs' first bodies (0 is the base), or None for a chain. Raise an ArgumentError
+    if the pairs do not form a tree in the order of q.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -160,8 +163,9 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
-    """Check the argument `parents`, and return a list of the number of body 1 of each pair (0: the base). For None,
-    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError for other numbers or counts.
+    """Check the argument `parents`, and return a list of the number of body 1 of each pair (0 is the base). For None,
+    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError for other numbers or counts. Whether
+    the numbers form a tree is not checked.
     """
     count = len(pairs)
     if parents is None:
@@ -176,7 +180,8 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
-    """Return a list of the indices of the pairs in depth-first order, siblings by name. Raise an ArgumentError if the
+    """Return a list of the indices of the pairs in depth-first order, siblings by name. `parent_numbers` holds the
+    number of body 1 of each pair: 0 for the base, j for body 2 of the j-th pair. Raise an ArgumentError if the
     parents do not form a tree.
 
     Raises:
@@ -201,8 +206,9 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
-    """Return the body that several pairs share; None if no pair gives it. The argument lists each pair with the side
-    ("body1" or "body2") on which it has this body. Raise an ArgumentError if two pairs give different bodies.
+    """Return the Body that several pairs share; None if no pair gives it. `sides_of_pairs` lists each pair as (side,
+    pair), with the side ("body1" or "body2") on which it has this body. Raise an ArgumentError if two pairs give
+    different bodies.
 
     Raises:
         ArgumentError: two of them give it, and differ.
@@ -221,7 +227,7 @@ def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Bo
 
 
 def _same_body(one: Body, other: Body) -> bool:
-    """Return whether two bodies have equal mass properties; their shapes are not compared."""
+    """Return whether two Body objects have equal mass properties; their shapes are not compared."""
     return one is other or (
         one.mass == other.mass
         and np.array_equal(one.center_of_mass, other.center_of_mass)
@@ -230,8 +236,9 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments of `JointPart` that describe a body: links, leaves, mass properties,
-    shapes and notes on assumed masses. `frame_pose` is the pose of the body's frame in the axes of the part.
+    """Return a dict of the keyword arguments of `JointPart` that describe a Body, which may be None: links, leaves,
+    mass properties, shapes and notes on assumed masses. `frame_pose` is the pose of the body's frame in the axes of
+    the part. The body's link, called `link_name`, is among the leaves if `is_leaf`.
     """
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:

@@ -32,8 +32,8 @@ _PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
 
 
 class FrameState(Results):
-    """Motion of one frame at every sample: arrays R, S, d, v, omega, a and alpha in world axes and SI units. Outputs
-    that were not computed are None.
+    """Motion of one frame at every sample in world axes and SI units: pose R and S, displacement d of R from the
+    base's R1, velocities v and omega, accelerations a and alpha. Outputs that were not computed are None.
     """
 
     __slots__ = _DOC_BY_MOTION_OUTPUT
@@ -48,11 +48,11 @@ class FrameState(Results):
 
 
 class MechanismState(Results):
-    """Motion of some frames of a robot at every sample: arrays R, S, d, v, omega, a and alpha in world axes and SI
-    units. Outputs that were not computed are None.
+    """Motion of some frames of a robot at every sample in world axes and SI units: pose R and S, displacement d of R
+    from the base's R1, velocities v and omega, accelerations a and alpha. Outputs that were not computed are None.
 
-    Each array has an axis of frames behind the axes of the samples. `state["hand"]` is the motion of one frame,
-    without that axis.
+    The axis of the frames follows the axes of the samples: for F frames, R has shape (..., F, 3) and S has shape
+    (..., F, 3, 3). `state["hand"]` is the motion of one frame, without that axis.
 
     Attributes:
         frames: names of the frames, in the order of the axis.
@@ -106,8 +106,8 @@ class MechanismState(Results):
 
 @functools.lru_cache(maxsize=256)
 def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
-    """Return the cached subclass of MechanismState for these frames; `robot_frames` are the names of all frames of
-    the robot.
+    """Return the cached subclass of MechanismState for frames of these names; `robot_frames` are the names of all
+    frames of the robot.
     """
     names = {"frames": frames, "_robot_frames": robot_frames}
     content = {"__slots__": MechanismState.__slots__, "__module__": __name__, **names}
@@ -117,7 +117,9 @@ def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]
 def _rebuild_state(
     frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> MechanismState:
-    """Return the motion of frames from its pickled contents."""
+    """Return a MechanismState from its pickled contents: names of its frames, names of all frames of the robot,
+    arrays by output name, and shape of the samples.
+    """
     return mechanism_state_class(frames, robot_frames)(arrays, shape)
 
 
@@ -162,8 +164,8 @@ class JointResults(Results):
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
-        """Return the printed table (title and rows) of the values of one sample, or of the largest magnitudes over
-        all samples.
+        """Return the printed table, a Sheet of title and rows: the values of one sample, or the largest magnitudes
+        over all samples.
         """
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
@@ -186,7 +188,7 @@ class JointResults(Results):
 
 @functools.lru_cache(maxsize=256)
 def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> type[JointResults]:
-    """Return the subclass of a class of joint results for these joints."""
+    """Return the cached subclass of a class of joint results, `kind`, for joints of these names."""
     content = {"__slots__": kind.__slots__, "__module__": __name__, "__doc__": kind.__doc__, "names": names}
     return type(kind.__name__, (kind,), content)
 

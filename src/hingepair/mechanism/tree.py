@@ -33,7 +33,8 @@ JointKind = Literal["hinge", "slider"]
 
 
 class Mimic(NamedTuple):
-    """Rule of a joint that follows another joint: q = multiplier * (q of the leader) + offset.
+    """Rule of a joint that follows another joint, its leader: q = multiplier * (q of the leader) + offset. `leader`
+    is the number of a joint, from 1 on.
 
     Attributes:
         leader: number of the leading joint, from 1 on; it follows no joint itself, and may come later.
@@ -155,7 +156,9 @@ class Tree(Frozen):
         return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
 
     def frame(self, name: str) -> Frame | None:
-        """Return the frame of a link, a further frame or a joint, searched in this order; None if there is none."""
+        """Return the Frame of a link, a further frame or a joint by its name, searched in this order; None if there
+        is none.
+        """
         named_frame = self.links.get(name) or self.frames.get(name)
         if named_frame is not None:
             return named_frame
@@ -165,7 +168,7 @@ class Tree(Frozen):
         return None
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return a frame by its name; raise an ArgumentError, which names the argument, if there is none.
+        """Return a Frame by its name; raise an ArgumentError for the argument named `argument` if there is none.
 
         Raises:
             ArgumentError: there is none; the error names the argument.
