@@ -39,7 +39,8 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Call `measure`, and print its report's table and notes, or JSON; draw the picture if `plot` is a path.
+    """Call `measure()`, which returns a Report, and print the table and the notes of the Report, or its JSON if
+    `show_json` is True. If `plot` is a path, draw the Report into that file; None draws nothing.
 
     The file of the picture is opened first, so that a file that cannot be written is refused before measuring.
     """
@@ -65,7 +66,10 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
 
 @contextlib.contextmanager
 def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a context manager that opens a picture's file and yields the function that draws a report into it."""
+    """Return a context manager that opens the picture file `path` for writing and yields a function of a Report,
+    which draws the Report into the file. Raise an ArgumentError for a wrong suffix or a file that cannot be written,
+    and a MissingDependencyError without Matplotlib.
+    """
     from hingepair.bench.plot import new_figure, write_picture
 
     check_picture_suffix("--plot", path)
@@ -79,7 +83,9 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
 
 
 def _parse_sizes(sizes: str) -> list[int]:
-    """Parse batch sizes, separated by commas; return them as integers."""
+    """Return the batch sizes in a text, integers separated by commas, as a list of ints. Raise an ArgumentError
+    unless each is from 1 to 10 million.
+    """
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))

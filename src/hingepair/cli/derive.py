@@ -122,15 +122,11 @@ def _derive_pair(
     output_format: str,
     short: bool | None,
 ) -> str:
-    """Return the formulas of a scene's motion, or of an arbitrary motion of a pair, as text of the output format.
-
-    Args:
-        scene_or_pair: the scene or the pair.
-        scene_file: file of a pair without a motion; None of another pair.
-        symbols: names of constants that stay symbols.
-        outputs: names of outputs; None for those of the scene, or the default.
-        output_format: text, latex, python or json.
-        short: whether repeated terms are abbreviated; None: if lines are long.
+    """Return formulas as text: those of the motion of a Scene, or those of an arbitrary motion if `scene_or_pair` is
+    a pair or a simulated Scene. `scene_file` is the file of a pair, from which exact values are read, or None.
+    `symbols` are the names of the constants that stay symbols, `outputs` the names of outputs, or None for those of
+    the scene or the default. `output_format` is text, latex, python or json. `short` True abbreviates repeated terms;
+    None does so if lines are long.
     """
     from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
@@ -161,11 +157,10 @@ def _derive_pair(
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Load a robot with its angles snapped to near multiples of pi/2; return it and a note; None if no robot.
-
-    Args:
-        source: robot's name or URDF file; of another source None is returned.
-        snap: angles that are closer [rad] are replaced; None for the default.
+    """Return (robot, notes): the Mechanism of a robot's name or URDF file, with each angle that is closer than `snap`
+    [rad] (None for the default) to a multiple of pi/2 replaced by it, and a tuple with a sentence on this, empty if
+    no angle changed. Return None for another source, such as a pair's scene file. Raise an ArgumentError for an
+    unknown name.
     """
     robot = load_named_robot(source)
     if robot is None:
@@ -190,16 +185,10 @@ def _derive_robot(
     output_format: str,
     short: bool,
 ) -> str:
-    """Return the formulas of a frame of a robot, as text of the output format.
-
-    Args:
-        robot: the robot.
-        notes: sentences that the text begins with.
-        frame: link or joint; None for the last link.
-        symbols: names of constants that stay symbols.
-        outputs: names of outputs; None for the default.
-        output_format: text, latex, python or json.
-        short: whether repeated terms are abbreviated.
+    """Return formulas as text for a frame of a Mechanism. `frame` is the name of a link or joint, None for the last
+    link; `notes` are sentences that the text begins with. `symbols` are the names of the constants that stay symbols,
+    `outputs` the names of outputs, or None for the default. `output_format` is text, latex, python or json; `short`
+    True abbreviates repeated terms.
     """
     from hingepair.symbolic.frame_forms import FrameForms
 
@@ -214,7 +203,9 @@ def _derive_robot(
 
 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:
-    """Return the largest difference between the fixed rotations of two versions of a robot."""
+    """Return the largest absolute difference, a float, between entries of the fixed rotation matrices of two
+    Mechanisms, `robot` and `other`, which are two versions of one robot.
+    """
     first, second = (
         [*(joint.S for joint in version.tree.joints), *(link.S for link in version.tree.links.values())]
         for version in (robot, other)

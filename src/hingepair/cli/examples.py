@@ -55,10 +55,8 @@ def examples_command(
 
 
 def missing_file_hint(path: str) -> str | None:
-    """Return a hint at `hingepair examples` if a path without a file is a .toml or bears an example's name; or None.
-
-    Args:
-        path: path or name that a user typed.
+    """Return a sentence that recommends the command `hingepair examples`, for a path or name that a user typed.
+    Return None if the path exists, or if it neither ends in .toml nor has the name of an example.
     """
     if os.path.exists(path):
         return None
@@ -74,7 +72,7 @@ def missing_file_hint(path: str) -> str | None:
 
 
 def _files_by_example() -> dict[str, Path]:
-    """Return the scene and sweep files of the examples, by the example's name."""
+    """Return a dict from the name of each example to the path of its scene or sweep file."""
     folder = _examples_folder()
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
@@ -86,14 +84,16 @@ def _examples_folder() -> Path:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; return its table."""
+    """Return the contents of a TOML file as a dict."""
     import tomllib
 
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def _referenced_files(path: Path) -> list[Path]:
-    """Return the files that a scene or sweep names: a log, a URDF, a sweep's scene and what that names."""
+    """Return the list of the paths that a scene or sweep file refers to: a log, a URDF file, the scene that a sweep
+    varies, and the files that this scene refers to.
+    """
     table = _read_toml(path)
     referenced = (
         table.get("motion", {}).get("file"),
@@ -105,10 +105,9 @@ def _referenced_files(path: Path) -> list[Path]:
 
 
 def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
-    """Copy each file to its target and make missing folders; copy none if a target exists.
-
-    Raises:
-        ArgumentError: a target is there already, or cannot be written.
+    """Copy each of `files` to the path at the same position in `targets`, and make missing folders. Raise an
+    ArgumentError without copying anything if a target exists, or if a target cannot be written. Messages name
+    `directory`.
     """
     existing = [target for target in targets if target.exists() or target.is_symlink()]
     if existing:

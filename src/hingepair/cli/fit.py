@@ -140,7 +140,9 @@ def fit_command(
 
 
 def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
-    """Raise an error if the suffix of a file to write does not fit what its option writes."""
+    """Raise an ArgumentError if the suffix of a path does not fit what is written to it: a table of results to `out`,
+    a picture to `plot`, a scene (.toml) to `scene`, a report (.md) to `report`. A path that is None is not checked.
+    """
     if out is not None:
         check_ending(out)
     if plot is not None:
@@ -154,7 +156,9 @@ def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, rep
 def _check_output_paths(
     files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
 ) -> None:
-    """Raise an error if a file to write is read too, is written twice, or is a scene or log that exists.
+    """Raise an ArgumentError if one of the paths `out`, `plot`, `report`, `scene` and its log (.csv) is one of
+    `files`, which are read, if the scene or its log exists already, or if `out` is the log. A path that is None is
+    not checked.
 
     Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
     nor its log, whose name is not given.
@@ -192,7 +196,10 @@ def _save(
     scene: Path | None,
     report: Path | None,
 ) -> list[Path]:
-    """Write the files that the options name: results, figure, scene and report; return their paths."""
+    """Write the results of a HingeFit to `out`, its figure to `plot`, a scene and its log to `scene` and a report to
+    `report`, each unless the path is None. Return the list of the written paths. `body1` is the recorded BodyMotion
+    of body 1; `files` are the recordings, which are not overwritten.
+    """
     written: list[Path] = []
     if out is not None:
         t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
@@ -213,7 +220,10 @@ def _save(
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
-    """Write a scene of a fitted pair, and its log with the recorded motion of body 1 and psi; return both paths."""
+    """Write a scene of a HingeFit's pair to `path`, and beside it a log (.csv) with the recorded BodyMotion `body1`
+    and the fitted psi. Return the list of both paths. Raise an ArgumentError if one of them is in `inputs` or cannot
+    be written.
+    """
     log = path.with_suffix(".csv")
     t = np.asarray(fitted.t)
     places = np.broadcast_to(body1.R, (t.size, 3))
@@ -244,18 +254,24 @@ def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Pa
 
 
 def _save_text(path: Path, text: str, inputs: list[Path]) -> None:
-    """Write a text to a file, completely or not at all."""
+    """Write a text to a file, completely or not at all. Raise an ArgumentError if the file is one of `inputs` or
+    cannot be written.
+    """
     with whole_file(path, inputs) as file:
         file.write(text.encode())
 
 
 def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
-    """Return the report, in Markdown, on recordings that determine no hinge."""
+    """Return the Markdown text of the report on recordings that determine no hinge: the names of the files `inputs`
+    and the message of the FitError.
+    """
     return "\n".join((*_heading(inputs), "**No hinge.** These recordings determine none:", "", f"- {error}", ""))
 
 
 def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
-    """Return the Markdown report on a fit; `figure` is the path of its figure relative to the report, or None."""
+    """Return the Markdown text of the report on a HingeFit. `inputs` are the paths of the recordings, which the
+    heading names; `figure` is the path of the figure relative to the report, or None for a report without a figure.
+    """
     verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not a hinge to rely on.**"
     missing = fitted.psi.size - fitted.samples
     lines = [
@@ -293,12 +309,14 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
 
 
 def _heading(inputs: list[Path]) -> list[str]:
-    """Return the lines at the beginning of a report."""
+    """Return the lines of a report's heading, which names the files `inputs`."""
     return [f"# The hinge of {' and '.join(f'`{path.name}`' for path in inputs)}", ""]
 
 
 def _hinge_table(fitted: HingeFit) -> list[str]:
-    """Return the lines of a Markdown table of the hinge, psi, the clock offset and the encoder."""
+    """Return the lines of a Markdown table of a HingeFit: u1, u2, n and home with standard deviations, the range of
+    psi, and the clock offset and the encoder if they were fitted.
+    """
     turn = np.degrees(rotation_vector(fitted.pair.home))
     vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
     vectors += [("n", fitted.pair.n, np.asarray(fitted.std["n"]), "1")]
@@ -328,7 +346,9 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
 
 
 def _residual_table(fitted: HingeFit) -> list[str]:
-    """Return the lines of a Markdown table of the residuals: position gap and tilt of the axis."""
+    """Return the lines of a Markdown table of the residuals of a HingeFit: rms, median, 95 % quantile, largest value
+    and noise of the position gap and, if body 2 has attitudes, of the tilt of the axis.
+    """
     kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
     if fitted.body2.S is not None:
         rms, noise = np.degrees((fitted.rms_angle, fitted.noise_angle))
@@ -349,7 +369,9 @@ def _table(heading: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[st
 
 
 def _advice(fitted: HingeFit) -> list[str]:
-    """Return the sentences of the report that recommend what to do next."""
+    """Return the list of the report's sentences that recommend what to do next, depending on the verdict, the range
+    of psi, the clock offset and the missing samples of a HingeFit.
+    """
     advice = []
     if not fitted.ok:
         advice.append("Do not use these numbers: the first finding says why.")

@@ -67,7 +67,9 @@ def main() -> None:
 
 
 def _run_app() -> int:
-    """Run the command of the process's arguments, print its error if there is one, and return the exit code."""
+    """Run the command that the process's arguments name, and return the exit code. Print the message of an error of
+    the user's input, or the traceback of an internal error, to standard error. Raise an OSError unchanged.
+    """
     try:
         _command_tree()()
     except HingePairError as error:

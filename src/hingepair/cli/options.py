@@ -21,11 +21,15 @@ _PARAMETERS_BY_LIBRARY_ARGUMENT = {
 
 
 def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a command so that its errors name options and arguments as a user types them, and hint at examples."""
+    """Return a wrapped command function, whose ArgumentErrors name options and arguments as a user types them, and
+    end with a hint at `hingepair examples` if a file that the user typed does not exist.
+    """
 
     @functools.wraps(command)
     def run_command(*args: Any, **values: Any) -> None:
-        """Run the command; raise its errors with the names of options in place of those of Python arguments."""
+        """Call the command with all arguments. Raise its ArgumentErrors again with the name of the option in place of
+        that of the Python argument, and with a hint if a typed file does not exist.
+        """
         try:
             command(*args, **values)
         except ArgumentError as error:
@@ -51,7 +55,9 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the values of a command's positional arguments as text, such as paths and names of robots."""
+    """Yield the values of a command's positional arguments as texts, such as paths and names of robots. `values` is a
+    dict of all arguments by parameter name. A list yields each of its entries, None yields nothing.
+    """
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         if any(isinstance(info, ArgumentInfo) for info in getattr(hint, "__metadata__", ())):
             value = values.get(name)
@@ -59,7 +65,9 @@ def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) ->
 
 
 def _typed_names(command: Callable[..., None]) -> dict[str, str]:
-    """Return by the name of each of a command's parameters what a user types for it: `--out`, `JOINT`."""
+    """Return a dict from the name of each parameter of a command function to what a user types for it, such as
+    `--out` or `JOINT`.
+    """
     typed_names = {}
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):

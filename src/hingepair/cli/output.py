@@ -47,7 +47,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 
 def out_option(text: str) -> Any:
-    """Return the option --out FILE."""
+    """Return the Typer option --out FILE (-o), with `text` as its help."""
     return typer.Option("--out", "-o", metavar="FILE", help=text)
 
 
@@ -57,11 +57,8 @@ def make_console() -> Console:
 
 
 def print_component_table(screen: Console, lines: Sequence[Sequence[str]]) -> None:
-    """Print a table of components, with an empty line below each vector.
-
-    Args:
-        screen: where it is printed.
-        lines: heading and rows; the first two columns are names and units.
+    """Print a table of components on a console, with an empty line below each vector. `lines` are rows of texts,
+    headings first; the first two columns are names and units.
     """
     spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
     spaced = spaced[:-1] if not spaced[-1] else spaced
@@ -69,28 +66,28 @@ def print_component_table(screen: Console, lines: Sequence[Sequence[str]]) -> No
 
 
 def terminal_width(screen: Console) -> int | None:
-    """Return the width of the terminal [characters]; None if the text goes into a file or a pipe."""
+    """Return the width of a console's terminal [characters]; None if its text goes into a file or a pipe."""
     return screen.width if screen.is_terminal else None
 
 
 def check_picture_suffix(option: str, path: Path) -> None:
-    """Raise an error if the suffix of a figure's file name names no format of figures."""
+    """Raise an ArgumentError that names `option` unless a path ends in one of PICTURE_SUFFIXES."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_SUFFIXES)}", quoted(str(path)))
 
 
 def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any) -> None:
-    """Write a figure to a file, completely or not at all."""
+    """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all. Further keyword
+    arguments are passed to `savefig`. Raise an ArgumentError if the file is one of `inputs` or cannot be written.
+    """
     with whole_file(path, inputs) as file:
         figure.savefig(file, format=path.suffix.lower()[1:], **options)
 
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
-    """Return an iterable of the same pieces that shows a progress bar on a terminal, if there are several.
-
-    Args:
-        parts: pieces of ROWS_PER_BLOCK instants each.
-        num_instants: number of instants of all pieces together.
+    """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
+    itself if standard error is no terminal or there is only one part. Each part but the last has ROWS_PER_BLOCK
+    instants, and `num_instants` counts those of all parts.
     """
     screen = Console(stderr=True)
     if num_instants <= ROWS_PER_BLOCK or not screen.is_terminal:
@@ -102,7 +99,9 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
 
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
-    """Return a context manager that prints a message if a signal stops the process before `out` is written."""
+    """Return a context manager that prints, if a SystemExit such as that of a signal leaves its block, that `out` is
+    not written. The SystemExit is raised again.
+    """
     try:
         yield
     except SystemExit:
@@ -111,10 +110,8 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 
 def split_names(option: str, text: str | None) -> list[str] | None:
-    """Split the value of an option into names at its commas; return None if the option is not given.
-
-    Raises:
-        ArgumentError: the value contains no name.
+    """Return the names in `text`, the value of an option, as a list, split at commas; None if `text` is None. Raise
+    an ArgumentError that names `option` if there is no name in it.
     """
     names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
     if names == []:
@@ -123,7 +120,9 @@ def split_names(option: str, text: str | None) -> list[str] | None:
 
 
 def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """Write a text to the file `out`, which must be none of `inputs`, or to standard output if it is None."""
+    """Write a text to the file `out`, completely or not at all, and print that it is written; if `out` is None, write
+    the text to standard output. Raise an ArgumentError if `out` is one of `inputs` or cannot be written.
+    """
     if out is None:
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
@@ -137,10 +136,10 @@ def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
 
 
 def set_up_process() -> None:
-    """Set up signals, output streams and warnings of the process: a signal ends it silently, as SystemExit.
+    """Set up the signal handlers, output streams and warnings of the process. A signal raises SystemExit, a closed
+    pipe ends the process silently, characters that the terminal lacks are escaped, and each warning is printed once.
 
-    SystemExit lets a partly written file be deleted. A closed pipe ends the process silently, characters that the
-    terminal lacks are escaped, and each warning is printed once.
+    SystemExit lets a partly written file be deleted.
     """
     if sys.stdout is None:  # closed by the shell, >&-
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process runs
@@ -157,7 +156,9 @@ def set_up_process() -> None:
 
 
 def run_and_flush(run_command: Callable[[], int]) -> int:
-    """Run a command and flush its output; return its exit code, or that of bad input if printing fails."""
+    """Call `run_command`, flush standard output, and return the exit code that the call returned. If an OSError is
+    raised, such as by printing, print it to standard error and return the exit code of bad input.
+    """
     try:
         code = run_command()
         sys.stdout.flush()
@@ -171,7 +172,9 @@ def run_and_flush(run_command: Callable[[], int]) -> int:
 
 
 def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning and add its text to `printed_texts`, unless the text is there already."""
+    """Print the message of a warning to standard error and add it to the set `printed_texts`, unless the set has it
+    already. Further arguments of `warnings.showwarning` are ignored.
+    """
     if str(message) not in printed_texts:
         printed_texts.add(str(message))
         print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)

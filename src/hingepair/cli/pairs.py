@@ -59,12 +59,10 @@ FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 
 
 
 def load_named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
-    """Load the pair of a scene file, or of a hinge of a robot or URDF file; return it.
-
-    Args:
-        source: scene file, robot's name or URDF file.
-        joint: name of the hinge; None for a scene file.
-        frames: links whose frames are those of body 1 and body 2.
+    """Return the HingePair or PlanarPair of a scene file, or the HingePair of a hinge of a robot. `source` is a scene
+    file, a robot's name or a URDF file; `joint` is the name of the hinge, None for a scene file. Two further
+    arguments, for a hinge only, are the names of the links whose frames become those of body 1 and body 2; None means
+    the joint's own links. Raise an ArgumentError for a missing or superfluous `joint`.
     """
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))
@@ -81,7 +79,9 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
 
 
 def load_named_robot(source: str) -> Mechanism | None:
-    """Load the robot of a URDF file, of example-robot-data or of a scene without a motion; None of other sources."""
+    """Return the Mechanism of a URDF file, of a robot's name or of a mechanism's scene file that has no table
+    [motion]; None for other sources. Raise an ArgumentError for a word that is neither a file nor a robot's name.
+    """
     if is_urdf(source):
         return Mechanism.from_urdf(source)
     if os.path.isfile(source) and "motion" not in read_tables(source).values:
@@ -94,10 +94,8 @@ def load_named_robot(source: str) -> Mechanism | None:
 
 
 def load_named_scene(path: Path) -> Scene | MechanismScene:
-    """Load a scene file, of a pair or of a mechanism; return the scene.
-
-    Raises:
-        ArgumentError: the path is the name of a robot, or of no file.
+    """Read a scene file that has a motion, and return its Scene (of a pair) or MechanismScene. Raise an ArgumentError
+    if `path` is the name of a robot, or a word that is neither a file nor a robot's name.
     """
     word = str(path)
     with contextlib.suppress(MissingDependencyError):
@@ -109,7 +107,9 @@ def load_named_scene(path: Path) -> Scene | MechanismScene:
 
 
 def _check_robot_name(source: str) -> None:
-    """Raise an error if a plain word is neither a file nor a robot's name; the error names similar robots."""
+    """Raise an ArgumentError if a text without folder and suffix is neither a file nor a robot's name; the message
+    suggests similar robots. Accept every other text. Raise a MissingDependencyError if the robots are not installed.
+    """
     if os.path.exists(source) or Path(source).name != source or Path(source).suffix:
         return
     try:
@@ -123,7 +123,10 @@ def _check_robot_name(source: str) -> None:
 def load_scene_or_pair(
     source: str, joint: str | None, *frames: str | None
 ) -> Scene | MechanismScene | HingePair | PlanarPair:
-    """Load the scene of a file that has a motion; otherwise the pair that the arguments name."""
+    """Return the Scene or MechanismScene of a scene file that has a motion, if `joint` and the further arguments are
+    None. Otherwise return the HingePair or PlanarPair that `load_named_pair` returns for the same arguments: source,
+    hinge's name, and the links whose frames are those of body 1 and body 2.
+    """
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
         return load_scene(source)
@@ -131,10 +134,8 @@ def load_scene_or_pair(
 
 
 def require_pair(value: Scene | MechanismScene | HingePair | PlanarPair) -> Scene | HingePair | PlanarPair:
-    """Return the scene of a pair, or the pair, unchanged; raise an error if it is the scene of a mechanism.
-
-    Raises:
-        ArgumentError: the value is the scene of a mechanism.
+    """Return `value` unchanged if it is a pair or the Scene of a pair; raise an ArgumentError if it is a
+    MechanismScene.
     """
     if not isinstance(value, Scene | HingePair | PlanarPair):
         raise ArgumentError("SCENE", "the scene of a pair, or a hinge", "the scene of a mechanism")
@@ -142,7 +143,9 @@ def require_pair(value: Scene | MechanismScene | HingePair | PlanarPair) -> Scen
 
 
 def input_files(source: str) -> tuple[Path, ...]:
-    """Return the files that a scene, pair or robot is read from; none if the source is not a file."""
+    """Return a tuple of the paths that a source is read from: a URDF file, or a scene file and the files that it
+    names. It is empty if the source, such as a robot's name, is not a file.
+    """
     path = Path(source)
     if not os.path.isfile(path):
         return ()
@@ -150,7 +153,9 @@ def input_files(source: str) -> tuple[Path, ...]:
 
 
 def is_urdf(source: str) -> bool:
-    """Return whether a source is a URDF file, which every existing file is that is no scene (.toml) and no log."""
+    """Return whether a source, a path or a robot's name, is a URDF file: its suffix is .urdf or .xml, or it is an
+    existing file that is neither a scene (.toml) nor a log.
+    """
     suffix = Path(source).suffix.lower()
     return suffix in {".urdf", ".xml"} or (suffix not in {".toml", *RESULT_SUFFIXES} and os.path.isfile(source))
 
@@ -230,23 +235,23 @@ _BASE_POSE_KEYS: Final = ("R1_0", "S1_0", "phi_0")
 
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
-    """Return the content of the table [dynamics] of a scene file; None of another source or without that table."""
+    """Return the DynamicsSetup of the table [dynamics] of a scene file. Return None without that table, for another
+    source, or if `joint` or one of the further arguments, the names of frames, is not None.
+    """
     return load_dynamics_setup(source) if _is_scene_file(source, joint, *frames) else None
 
 
 def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
-    """Return whether the source is a scene file, without a joint or frames."""
+    """Return whether `source` is an existing file other than a URDF file, and `joint` and all further arguments, the
+    names of frames, are None.
+    """
     return joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
 
 
 def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
-    """Return a model's text with a comment that lists the keys of [dynamics] it lacks, and warn of them.
-
-    Args:
-        file_format: URDF or MJCF.
-        text: the model.
-        setup: content of [dynamics].
-        written_keys: keys that the model contains.
+    """Return the text of a model with a comment added that lists the keys of a DynamicsSetup that are not in
+    `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence. If there is
+    no such key, return `text` unchanged. `file_format`, URDF or MJCF, is part of the sentence.
     """
     keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks"}]
     if not keys:
@@ -263,7 +268,9 @@ def _to_spatial(pair: HingePair | PlanarPair) -> HingePair:
 
 
 def _require_joint(source: str, joint: str | None) -> str:
-    """Return the joint's name; if it is None, raise an error that lists the hinges of the source."""
+    """Return `joint`, the name of a hinge, unchanged. If it is None, raise an ArgumentError that lists the hinges of
+    `source`, a robot's name or a URDF file.
+    """
     if joint is None:
         hinges = read_urdf(source if is_urdf(source) else robot_urdf(source)).hinges()
         raise ArgumentError("JOINT", f"a hinge of {source}: {choices([hinge.name for hinge in hinges])}", "none")

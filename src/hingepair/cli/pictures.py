@@ -86,10 +86,8 @@ def view_command(
 
 
 def _check_new_file(name: str) -> Path:
-    """Return the path of a file name in the current folder; raise an error if the file exists.
-
-    Raises:
-        ArgumentError: a file of this name exists.
+    """Return a file name as a Path in the current folder. Raise an ArgumentError if such a file exists; the message
+    recommends the option --out, which overwrites it.
     """
     path = Path(name)
     if path.exists() or path.is_symlink():

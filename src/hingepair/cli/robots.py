@@ -78,7 +78,9 @@ def robots_command(
 
 
 def _robot_table_row(robot: str) -> dict[str, Any]:
-    """Count the hinges, sliders and mimic joints of a robot; return the row of the table of robots, by heading."""
+    """Return the row of the table of robots for the robot named `robot`, a dict by heading: its name, and the numbers
+    of its degrees of freedom, hinges, sliders and mimic joints, counted in its URDF file.
+    """
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = (
         [joint for joint in joints if joint.type in types] for types in (HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES)
@@ -92,7 +94,9 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
 
 
 def _joint_report(name: str) -> dict[str, Any]:
-    """Return the content of the report on a robot, for JSON: its moving joints, its fixed joints, and notes.
+    """Return the report on a robot, given by its name or URDF file, as a dict for JSON: its name, dof, the rows of
+    its moving joints, the names of its fixed joints (key `folded`) and notes. If it cannot be loaded as a Mechanism,
+    dof is None and a note says why.
 
     A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """
@@ -117,7 +121,9 @@ def _joint_report(name: str) -> dict[str, Any]:
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return a dictionary for each joint: its index in q, the rule of a mimic joint, and masses [kg]."""
+    """Return a list with a dict for each joint of a Tree: its index in q (None for a mimic joint), the rule of a
+    mimic joint (otherwise None), and the masses [kg] of its two bodies and of all bodies that it moves.
+    """
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
     for number in range(len(tree.joints), 0, -1):
@@ -136,7 +142,10 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return a joint's kind, links, axis, pose and limits by name, or the error if it cannot be loaded."""
+    """Return the row of a hinge or slider, a dict: name, kind, links, axis, n, u1, home and limits. If the joint
+    cannot be loaded, the key `error` has the message in place of axis and limits. `robot` and `joint` are records of
+    a URDF file. The index, the mimic rule and the masses are left None.
+    """
     kind = "hinge" if joint.type in HINGE_JOINT_TYPES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
@@ -160,7 +169,7 @@ def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
-    """Return the texts of a joint's row in the table of joints."""
+    """Return the cells of the table of joints, a list of texts, for one joint, from its dict `row` in the report."""
     index_text = "" if row["index"] is None else str(row["index"])
     names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
     if "error" in row:
@@ -172,7 +181,9 @@ def _joint_cells(row: dict[str, Any]) -> list[str]:
 
 
 def _mimic_text(row: dict[str, Any]) -> str:
-    """Return the rule of a mimic joint: `leader`, or `-0.5 leader + 0.1` with a multiplier and an offset."""
+    """Return the rule of a mimic joint as text, from the joint's dict `row`: `leader`, or `-0.5 leader + 0.1` with a
+    multiplier and an offset. The text is empty for a joint that follows none.
+    """
     mimic = row["mimic"]
     if mimic is None:
         return str(row["follows"])
@@ -180,7 +191,9 @@ def _mimic_text(row: dict[str, Any]) -> str:
 
 
 def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
-    """Return the sentences below the table of joints: size of q, fixed joints, an example command, notes."""
+    """Return the list of sentences below the table of joints: size of q, fixed joints, an example command, and the
+    notes of the `report`, the dict that `_joint_report` returns. The sentences call the robot `name`.
+    """
     joints, folded = report["joints"], report["folded"]
     sentences = []
     if report["dof"] is not None:

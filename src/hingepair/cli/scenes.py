@@ -205,7 +205,10 @@ def forces_command(
 
 
 def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path | None, as_json: bool) -> None:
-    """Compute the efforts of a mechanism's joints and the forces on its base; print them, and save them to `out`."""
+    """Compute the joint efforts and the forces on the base of a MechanismScene. Print them as tables, or as JSON if
+    `as_json` is True, and save them to the file `out` unless it is None. `gravity` is the text of the option
+    --gravity, such as 0,0,-9.81, or None for the scene's own gravity.
+    """
     result = scene.forces(None if gravity is None else _parse_gravity(gravity, 3))
     written = None if out is None else str(result.save(out))
     notes = (*result.notes, *scene.notes())
@@ -226,14 +229,16 @@ def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path
 
 
 def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
-    """Print the acceleration of gravity."""
+    """Print the acceleration of gravity, a tuple of components [m/s^2], on a console."""
     screen.print(f"gravity = ({', '.join(f'{component:g}' for component in gravity)}) m/s^2")
 
 
 def _component_rows(
     ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
 ) -> list[tuple[str, ...]]:
-    """Return the heading and rows of a table of components as texts, with a column for noise if asked."""
+    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` has, by
+    component name, the dicts that `_component_ranges` returns; `with_noise` True adds the heading of their noise.
+    """
     headings = (
         "",
         "unit",
@@ -252,7 +257,9 @@ def _component_rows(
 
 
 def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
-    """Return the numbers of a component: four values, the time of the largest, and a list of its noise, if any."""
+    """Return the numbers of one component, from its dict of ranges, as a tuple: four values, the time of the largest
+    size, and a list of its noise, empty if there is none.
+    """
     sizes = [row[key] for key in ("first", "smallest", "largest", "rms", "t_of_largest_size")]
     return *sizes, [row["noise"]] if "noise" in row else []
 
@@ -260,7 +267,10 @@ def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
 def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
-    """Return for each component first, extreme and rms values and noise; NaN if it is finite at no instant."""
+    """Return, by component name, a dict of floats for each component of `arrays`, outputs by name at the instants t:
+    first, smallest, largest and rms value, the time of the largest size and, if `noise` has arrays of the same names,
+    its noise. Values that are not finite are ignored; a component without a finite value has NaN.
+    """
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)
     finite_once = np.isfinite(v).any(axis=0)
@@ -278,7 +288,9 @@ def _component_ranges(
 
 
 def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
-    """Parse the value of --gravity: three numbers, or two of a planar scene; return them."""
+    """Return the finite numbers, separated by commas, in the text of the option --gravity as a tuple of floats. Raise
+    an ArgumentError unless there are `num_components`: 3, or 2 for a planar scene.
+    """
     with contextlib.suppress(ValueError):
         vector = tuple(map(float, text.split(",")))
         if len(vector) == num_components and np.isfinite(vector).all():
@@ -288,7 +300,10 @@ def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
 
 
 def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
-    """Return title, times, and the constants of the pair or names of the mechanism of a scene, for JSON."""
+    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant; of
+    a pair also the Euler sequence, the error estimate, u1, u2, n and home; of a mechanism the names of its joints and
+    frames.
+    """
     facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
     facts |= {"start": scene.start, "stop": scene.stop}
     if isinstance(scene, Scene):
@@ -300,7 +315,9 @@ def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
 
 
 def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
-    """Print the title of a scene, its pair or mechanism, and its instants, a line for each."""
+    """Print the title, if any, of a Scene or MechanismScene, a line on its pair or mechanism, and a line on its
+    instants.
+    """
     if scene.title:
         screen.print(printable(scene.title), style="bold")
     if isinstance(scene, Scene):
@@ -319,7 +336,9 @@ def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
 
 
 def _print_notes(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
-    """Print the notes, and which file was written or that none was."""
+    """Print each note on a line, and a last line that says that the file `out` was written, or, if `out` is None,
+    that none was.
+    """
     for note in notes:
         screen.print(f"note: {note}")
     screen.print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")

@@ -25,7 +25,9 @@ _RESIDUAL_LABELS_AND_UNITS = (
 
 
 class LargestResidual(NamedTuple):
-    """The largest residual of a constraint (E1, E2) over all instants; `ratio` is in units of u * scale."""
+    """Largest residual of a constraint over all instants: `label` E1 or E2, its formula `meaning`, `unit`, value
+    `largest`, and `ratio`, the value in units of u * scale, where u is the unit roundoff.
+    """
 
     label: str
     meaning: str
@@ -57,7 +59,10 @@ class RunSummary:
         self.lost = 0
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
-        """Add one piece of the result to the summary; pieces come in order."""
+        """Update the summary with one block of the results: `lost`, the components at the first, middle and last
+        instant, their smallest and largest values, the residuals of a pair, and the notes. The blocks must come in
+        order of time.
+        """
         arrays = part.requested_arrays()
         self._names = column_names(arrays)
         if isinstance(self._scene, MechanismScene):
@@ -79,24 +84,30 @@ class RunSummary:
         self._notes.add(part)
 
     def residuals(self) -> tuple[LargestResidual, ...]:
-        """Return the largest residuals of E1, and of E2 where the motion has rates, over all instants."""
+        """Return a tuple of a LargestResidual over all instants for E1 and, if the motion has rates, one for E2;
+        empty for a mechanism.
+        """
         return tuple(
             LargestResidual(*meaning, *worst)
             for meaning, worst in zip(self._residual_meanings, self._largest_residuals.tolist(), strict=True)
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the run."""
+        """Return the notes on the run, a tuple of sentences."""
         sentences: tuple[str, ...] = self._notes.sentences()
         return sentences
 
     @property
     def coincident_frames(self) -> dict[str, str]:
-        """Frames of a mechanism that moved exactly as another one, which the table shows in their place."""
+        """Names of the frames of a mechanism that moved exactly as an earlier frame, each with the name of that
+        frame, a dict.
+        """
         return self._coincident or {}
 
     def table(self) -> list[tuple[str, ...]]:
-        """Return the heading and rows of a table as texts: each component at three instants, and its range."""
+        """Return the rows of a table as tuples of texts, headings first: for each component its unit, its values at
+        the first, middle and last instant, and its smallest and largest value. Leave out the `coincident_frames`.
+        """
         columns = [
             [f"{cell + 0.0:.6g}" for cell in values]
             for values in (*self._values_at_instants, self._smallest, self._largest)
@@ -107,7 +118,9 @@ class RunSummary:
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
-        """Return the first, last, smallest and largest value of each component, by its name."""
+        """Return, by component name, a dict of floats for each component, with the keys first, last, smallest and
+        largest.
+        """
         columns = {
             "first": self._values_at_instants[0],
             "last": self._values_at_instants[-1],
@@ -120,7 +133,9 @@ class RunSummary:
 
 
 def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
-    """Return by name the frames that move exactly as an earlier frame, with the name of that frame."""
+    """Return a dict from the name of each frame that moves exactly as an earlier one of `frames` to the name of that
+    frame. `arrays` has the quantities of the frames by output name, such as R_tool.
+    """
     motions: dict[str, dict[str, NDArray[Any]]] = {}
     coincident = {}
     for frame in frames:
@@ -139,7 +154,9 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
 
 
 def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.float64]:
-    """Compute the largest residuals of E1 and E2; return rows (absolute, in u * scale), NaN if none is finite."""
+    """Return the largest residuals of E1 and, if the KnownMotion has rates, of E2, as an array with a row for each:
+    absolute, and in units of u * scale, where u is the unit roundoff. A residual that is finite at no instant is NaN.
+    """
     pair, a = scene.space, known_motion.body_arrays(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
@@ -154,5 +171,5 @@ def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.fl
 
 
 def _largest_finite(values: NDArray[Any]) -> float:
-    """Return the largest finite value; NaN if there is none."""
+    """Return the largest finite value of an array as a float; NaN if there is none."""
     return float(np.fmax.reduce(np.where(np.isfinite(values), values, np.nan), axis=None, initial=np.nan))

@@ -59,7 +59,9 @@ def sweep_command(
 
 @contextlib.contextmanager
 def _sweep_progress_bar() -> Iterator[Progress | None]:
-    """Return a context manager that shows a progress bar on a terminal, and yields its updating function or None."""
+    """Return a context manager that shows a progress bar if standard error is a terminal. It yields a function of the
+    numbers of finished and of all chunks that updates the bar, or None without a terminal.
+    """
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield None
@@ -73,7 +75,9 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Return a context manager that says how to continue the sweep if a signal stops it."""
+    """Return a context manager that prints, if a SystemExit such as that of a signal leaves its block, that the same
+    command continues the sweep with the store `path`. The SystemExit is raised again.
+    """
     try:
         yield
     except SystemExit:

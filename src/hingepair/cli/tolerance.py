@@ -77,7 +77,9 @@ def tolerance_command(
 
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:
-    """Parse the number, or the three numbers separated by commas, of an option; return it or them."""
+    """Return the number in the text of an option as a float, or several numbers separated by commas as a list of
+    floats. Raise an ArgumentError that names the option `name` for any other text.
+    """
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
