@@ -58,7 +58,10 @@ _CONSTANCY_CHECK_STEP_COUNT = 64  # steps in which a rate is compared to find ou
 
 
 class StepSample(NamedTuple):
-    """Sample of integration steps whose errors are measured, and the parts of the time for which they stand."""
+    """Sample of integration steps whose errors are measured. `t` holds the ends of all steps, `steps` the indices of
+    the measured steps, and `parts` the index of the first step of each part of the time; the measured steps of a part
+    stand for the whole part.
+    """
 
     t: Array  # ends of all steps [s]; shape (steps + 1,)
     steps: NDArray[np.intp]  # indices of the measured steps, increasing
@@ -74,8 +77,8 @@ class StepSample(NamedTuple):
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
-        """Return weights (P,) of the measured steps: the error of the part of the time for which a step stands,
-        divided by the error of the step. Errors are taken to be proportional to length^(order + 1).
+        """Return weights (P,) of the measured steps, by which their errors are multiplied to give the errors of the
+        parts of the time for which they stand. Errors are taken to be proportional to length^(order + 1).
         """
         if len(self.steps) == len(self.t) - 1:
             return np.ones(len(self.steps))
@@ -87,8 +90,10 @@ class StepSample(NamedTuple):
 
 
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
-    """Return the sample of steps whose errors are measured, a `StepSample`. The sample is all steps, or one in each
-    of about MAX_MEASURED_STEPS parts of the time, and the steps over which `signals` change most abruptly.
+    """Choose the steps between times t whose errors are measured; return a `StepSample`. If there are more than
+    MAX_MEASURED_STEPS steps, these are one in each part of the time and the steps over which `signals` change most
+    abruptly, otherwise all steps. Within a part a step is drawn in proportion to its expected error, length^(order +
+    1).
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -119,7 +124,9 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
 
 
 def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
-    """Return the indices of the MAX_MEASURED_STEPS / 8 steps over which the values at t change most abruptly."""
+    """Return the indices of the MAX_MEASURED_STEPS / 8 steps over which `values`, rows at the times t, change most
+    abruptly.
+    """
     count, step_count = len(t) - 1, MAX_MEASURED_STEPS // 8
     differences = values
     for k in range(1, _JUMP_DETECTION_DIFFERENCE_ORDER + 1):
@@ -132,8 +139,10 @@ def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
 
 
 class StepErrors(NamedTuple):
-    """Measured errors of integration steps, the noise of the measurement, and bounds on errors that it may miss. Also
-    the integrals of the absolute rate over the steps, and their noise.
+    """Measured errors of integration steps, one row each. `errors` are the errors [rad], `noise` the standard
+    deviations of their rounding, `undetected` the sizes of errors of jumps that the measurement may miss,
+    `rate_integral` the integrals of the absolute rate, and `rate_integral_noise` the standard deviations of their
+    rounding.
     """
 
     errors: Array  # rotation vectors (P, 3) or angles (P, 1) [rad]
@@ -166,18 +175,9 @@ def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
 def estimate_error(
     integral: Integral, steps: Steps, values: Array, measured_errors: tuple[StepSample, StepErrors] | None = None
 ) -> float:
-    """Return an estimate of the error of an integral at its worst instant [rad]; NaN if there is no estimate. The
-    rounding of the time stamps of samples is not part of the estimate. Without `measured_errors`, the errors of a
-    sample of the steps are measured here.
-
-    Args:
-        integral: the integral.
-        steps: its steps.
-        values: attitudes or angles at the ends of the steps.
-        measured_errors: a sample of the steps and their errors, if these were measured already.
-
-    Returns:
-        The error; NaN where it cannot be estimated.
+    """Return an estimate of the largest error of an integral at any instant [rad]; NaN if there is no estimate.
+    `values` are the attitudes or angles at the ends of all steps. `measured_errors` is a pair of a StepSample and its
+    StepErrors; if it is None, errors are measured here. The rounding of time stamps is not part of the estimate.
     """
     rate, rule = integral.rate, integral.rule
     if not steps.step_count or (isinstance(integral, AngleIntegral) and integral.is_exact):
@@ -204,13 +204,9 @@ def estimate_error(
 
 
 def rounding_error(integral: Integral, values: Array, step_sample: StepSample, rounding: StepRounding) -> float:
-    """Return the rounding error of an integral at its worst instant [rad], without the rounding of time stamps.
-
-    Args:
-        integral: the integral.
-        values: attitudes or angles at the ends of the steps.
-        step_sample: the steps whose rounding is known.
-        rounding: rounding of these steps.
+    """Return the largest rounding error of an integral at any instant [rad], without the rounding of time stamps.
+    `values` are the attitudes or angles at the ends of all steps. `rounding` is the StepRounding of the steps in
+    `step_sample`, which stand for all steps.
     """
     size = float((rounding.rate_integral * step_sample.error_weights(0)).sum())
     if _is_rate_constant(integral.rate, step_sample):
@@ -220,7 +216,11 @@ def rounding_error(integral: Integral, values: Array, step_sample: StepSample, r
 
 
 class AccumulatedErrors(NamedTuple):
-    """Errors of measured steps in the axes of the first instant, where they add up to errors of the integral."""
+    """Errors of measured steps, rotated to the axes of the first instant, where they add up to errors of the
+    integral. `errors` and `noise` are the errors and the standard deviations of their rounding, `undetected` the
+    sizes of errors that may be missed, and `counts_before` the number of errors before each instant (None if all
+    steps end at instants).
+    """
 
     errors: Array  # of all steps that each stands for, in the axes of the first instant [rad]; shape (P, k)
     noise: Array  # standard deviations of what rounding adds to these beyond what it adds to all steps [rad]
@@ -228,11 +228,9 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the size of the largest sum of errors times `factors` up to any instant [rad]. A sum that rounding
-        explains counts as zero. The result is at least the size of the undetected errors.
-
-        Args:
-            factors: multiply the errors; shape (P,).
+        """Return the size of the largest sum of errors up to any instant [rad], each error multiplied by its element
+        of `factors`. A sum that rounding explains counts as zero. The result is at least the size of the undetected
+        errors.
         """
         scaled = self.errors.T * factors
         total = np.cumsum(np.append(np.zeros((len(scaled), 1)), scaled, axis=1), axis=1)
@@ -247,15 +245,9 @@ class AccumulatedErrors(NamedTuple):
 def accumulate_errors(
     integral: Integral, steps: Steps, values: Array, step_sample: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
-    """Return the errors of the parts for which the measured steps stand, as `AccumulatedErrors`. The errors are
-    rotated to the axes of the first instant, where they add up.
-
-    Args:
-        integral: the integral.
-        steps: its steps.
-        values: attitudes or angles at the ends of the steps.
-        step_sample: the steps whose errors are known.
-        errors: their errors.
+    """Rotate errors of measured steps to the axes of the first instant, where they add up; return
+    `AccumulatedErrors`. `errors` are the StepErrors of the steps in `step_sample`. Each is scaled to the part of the
+    time for which its step stands. `values` are the attitudes or angles at the ends of all steps.
     """
     weights = step_sample.error_weights(integral.rule.order)
     errors_at_start = integral.errors_at_start(values[step_sample.steps + 1], errors.errors * weights[:, None])
@@ -270,8 +262,8 @@ def accumulate_errors(
 
 
 def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
-    """Return True if a rate is the same at the nodes of a sample of the measured steps. All steps are then rounded
-    alike.
+    """Return True if a rate is the same at the nodes of all steps of a small selection of the measured steps. All
+    steps are then rounded alike.
     """
     if isinstance(rate, ConstantSignal):
         return True
@@ -284,8 +276,9 @@ def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
 def _sum_by_sample_interval(
     steps: Steps, step_indices: NDArray[np.intp], errors: Array
 ) -> tuple[NDArray[np.intp], Array]:
-    """Return two arrays: indices of intervals between instants, and sums of the errors of the steps in each of them.
-    Intervals that contain none of the steps are left out.
+    """Sum errors of steps over the intervals between instants. `errors` (P, k) belong to the steps with indices
+    `step_indices`. Return the indices of the intervals that contain one of these steps, and the sums, one row for
+    each such interval.
     """
     if steps.instant_indices is None:
         return step_indices, errors
@@ -296,14 +289,9 @@ def _sum_by_sample_interval(
 
 
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Return the errors of steps, measured by comparison with two or more steps in place of each. A long step is
-    compared with more than two, so that none is longer than `duration` / `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`.
-
-    Args:
-        integral: the integral.
-        start: instants at which the steps begin [s].
-        stop: instants at which the steps end [s].
-        duration: the whole time [s], which is divided into at least `MIN_EVEN_STEPS_FOR_CALLABLE_RATES` even steps.
+    """Measure the errors of steps from `start` to `stop` [s] by comparison with two or more shorter steps in place of
+    each; return `StepErrors`. The shorter steps are no longer than `duration` / `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`,
+    where `duration` is the whole time of the motion [s].
     """
     groups = (
         slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
@@ -314,7 +302,9 @@ def measure_step_errors(integral: Integral, start: Array, stop: Array, duration:
 
 
 def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Return the errors of one chunk of steps. Arguments and result are those of `measure_step_errors`."""
+    """Measure the errors of one chunk of steps from `start` to `stop` [s]; return `StepErrors`. The arguments are
+    those of `measure_step_errors`.
+    """
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     fine = subdivide(
@@ -352,9 +342,9 @@ def errors_above_noise(errors: Array, noise: Array) -> Array:
 def _undetected_errors(
     signal: Signal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
 ) -> Array:
-    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance; shape (intervals,).
-    The bounds are zero where the signal is no callable. `node_values` are its values at the nodes of the coarse and
-    of the fine steps.
+    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance, shape (intervals,).
+    They are zero unless the signal is a callable. `coarse` and `fine` are Subdivisions of the same intervals, and
+    `node_values` is the pair of arrays of the signal's values at the nodes of their steps.
 
     Where a callable jumps between two nodes of a pair of steps, the error of the integral may be the jump times the
     distance of the nodes. Divided differences over many nodes estimate this product; they are small where the
@@ -379,9 +369,10 @@ def _undetected_errors(
 
 @functools.cache
 def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
-    """Return two cached matrices (gaps, nodes), with a row for each gap between neighbouring nodes. A row is a
-    divided difference of the values at the nodes, scaled so that a unit jump in the gap gives the length of the gap.
-    The orders of the differences are the order of the rule and one more.
+    """Return two cached matrices (gaps, nodes) that detect jumps in the values at the nodes of two neighbouring steps
+    of a rule. Each row belongs to a gap between neighbouring nodes and is a divided difference, scaled so that a unit
+    jump in the gap gives the length of the gap. The order of the differences is that of the rule in the first matrix,
+    and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
     x = np.concatenate([[_STEP_END_SAMPLE_OFFSET], nodes, 0.5 + nodes, [1 - _STEP_END_SAMPLE_OFFSET]])
@@ -398,14 +389,16 @@ def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
 
 
 class StepRounding(NamedTuple):
-    """Integrals of the absolute rate over integration steps, and standard deviations of the steps' rounding."""
+    """Rounding of integration steps. `rate_integral` are the integrals of the absolute rate over the steps [rad], and
+    `noise` the standard deviations of the rounding of the steps [rad].
+    """
 
     rate_integral: Array  # integrals of abs(rate) over the intervals [rad]; shape (P,)
     noise: Array  # standard deviations of what rounding adds to these [rad]; shape (P,)
 
 
 def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
-    """Return the `StepRounding` of integration steps that begin and end at the given times [s]."""
+    """Return the `StepRounding` of integration steps of a rate from `start` to `stop` [s]."""
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))

@@ -38,8 +38,9 @@ _MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
 def integrate_euler_angles(
     omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, omega_in_body_axes: bool
 ) -> Array:
-    """Return the continuous Euler angles of body 1 at the ends of steps, integrated from omega; shape (steps + 1, 3).
-    `start` are the angles at the first time. Raise a GimbalLockError near gimbal lock.
+    """Integrate the Euler angles XYZ of body 1 from omega; return the continuous angles at the ends of steps, shape
+    (steps + 1, 3). `start` are the angles at the first time. omega is in axes of body 1 if `omega_in_body_axes`,
+    otherwise in axes of the world. `execution` chooses the backend. Raise a GimbalLockError near gimbal lock.
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near gimbal lock or because steps are too
@@ -68,8 +69,8 @@ def integrate_euler_angles(
 
 
 def euler_to_quaternions(phi: Array) -> Array:
-    """Return the unit quaternions (w, x, y, z), (N, 4), of Euler angles XYZ (E10), (N, 3). They are continuous where
-    the angles are.
+    """Return the unit quaternions (w, x, y, z), shape (N, 4), of the Euler angles XYZ `phi` (N, 3) (E10). They are
+    continuous where the angles are.
     """
     (sx, sy, sz), (cx, cy, cz) = np.sin(0.5 * phi).T, np.cos(0.5 * phi).T
     about_x_y = quaternion_product((cx, sx, 0.0, 0.0), (cy, 0.0, sy, 0.0))
@@ -77,8 +78,9 @@ def euler_to_quaternions(phi: Array) -> Array:
 
 
 def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Write the angles after each step into `angles`, computed one step at a time on Python floats. The first step
-    with a NaN, which means gimbal lock, is the last one written.
+    """Integrate Euler angles from `start`, one step of length h at a time on Python floats, and write the angles
+    after each step into `angles`; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1 or
+    of the world. Stop after the first step with a NaN, which means gimbal lock.
     """
     phi, step = tuple(start.tolist()), _float_step_function(omega_in_body_axes)
     for k, (w, length) in enumerate(zip(node_omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
@@ -89,8 +91,9 @@ def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_bod
 
 @functools.cache
 def _float_step_function(omega_in_body_axes: bool) -> Any:
-    """Return the cached function of one Runge-Kutta step on 13 floats: phi, omega at three nodes, and length h. The
-    function returns a sequence that begins with the new phi.
+    """Return the cached function of one Runge-Kutta step on 13 floats (phi, omega at three nodes, and the step
+    length). The function returns a sequence that begins with the three new angles. It takes omega in axes of body 1
+    if `omega_in_body_axes`, otherwise in axes of the world.
     """
     loop = _runge_kutta_loop(omega_in_body_axes)
     examples = {name: np.full((2, *shape), 0.5) for name, shape in loop.inputs}
@@ -98,7 +101,10 @@ def _float_step_function(omega_in_body_axes: bool) -> Any:
 
 
 def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Write the angles after each step into `angles`, computed by the compiled loop; NaN after gimbal lock."""
+    """Integrate Euler angles from `start` by the compiled loop, and write the angles after each step of length h into
+    `angles`, NaN after gimbal lock; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1
+    or of the world.
+    """
     arguments = {"phi": start[None], "omega": node_omega[None], "h": h[None]}
     _runge_kutta_loop(omega_in_body_axes).run(
         arguments, {"phi": angles[None]}, (1, len(h)), FLOAT64_DTYPE, Execution("compiled", 1)
@@ -107,12 +113,15 @@ def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body
 
 @functools.cache
 def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
-    """Return the cached `Loop` of Runge-Kutta steps that integrate Euler angles from omega; NaN near gimbal lock. The
-    inputs are phi, omega at start, middle and end of each step, and the length h of each step.
+    """Return the cached `Loop` of Runge-Kutta steps that integrate Euler angles from omega, NaN near gimbal lock. Its
+    inputs are phi, omega at start, middle and end of each step, and the length h of each step. omega is in axes of
+    body 1 if `omega_in_body_axes`, otherwise in axes of the world.
     """
 
     def step(values: dict[str, Any]) -> dict[str, Any]:
-        """Return the angles after a step, as {"phi": ...}, from phi before it, omega at 3 nodes, and its length h."""
+        """Return the angles after one step as {"phi": ...}. `values` is a dict of phi before the step, omega at the
+        three nodes, and the step length h.
+        """
         phi, w, h = values["phi"], values["omega"], values["h"]
         a = _euler_rates(phi, w[:3], h, omega_in_body_axes)
         b = _euler_rates(eq.add(phi, eq.scale(a, 0.5 * h)), w[3:6], h, omega_in_body_axes)
@@ -126,7 +135,9 @@ def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
 
 
 def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_axes: bool) -> Any:
-    """Return the Euler-angle rates J^-1 omega (E4); NaN if a step of length h is too long near gimbal lock."""
+    """Return the Euler-angle rates J^-1 omega (E4) at the angles phi; NaN if a step of length h is too long near
+    gimbal lock. omega is in axes of body 1 if `omega_in_body_axes`, otherwise in axes of the world.
+    """
     x, y, z = phi
     trig = (sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z))
     w = eq.rotate(eq.tait_bryan_attitude(trig), omega) if omega_in_body_axes else omega

@@ -27,7 +27,9 @@ _QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RateIntegral:
-    """Base of integrals of a rate: the name of the rate, the rate as a signal, the step rule, and the execution."""
+    """Base of integrals of a rate. `name` is the name of the rate in messages, `rate` its signal, `rule` the StepRule
+    of the steps, and `execution` the choice of the backend.
+    """
 
     name: str  # of the rate, for messages
     rate: Signal
@@ -61,9 +63,9 @@ class AngleIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Any) -> Array:
-        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,). Starts
-        (...,) of many motions give the shape (..., steps + 1). For one motion raise an ArgumentError if an angle
-        overflows.
+        """Integrate the rate from the angle `start`; return the angles [rad] at the ends of steps, accurate to about
+        the last bit, shape (steps + 1,). Starts (...,) of many motions give the shape (..., steps + 1). Raise an
+        ArgumentError if an angle of a single motion overflows.
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
@@ -77,13 +79,16 @@ class AngleIntegral(_RateIntegral):
         return angles[..., 0].copy()
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the integrals of the rate over steps into rows, as sums of two doubles."""
+        """Write the integrals of the rate over steps into `rows`, as sums of two doubles. The steps begin at `begin`
+        and have the lengths h, a pair of arrays (high and low part).
+        """
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
         angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the angles by coarse steps less those by fine steps of the same intervals [rad]; (intervals, 1).
-        `node_values` are the rates at the nodes of the coarse and of the fine steps.
+        """Return the integrals over intervals by coarse steps less those by fine steps [rad], shape (intervals, 1).
+        `coarse` and `fine` are Subdivisions of the same intervals into steps, and `node_values` is the pair of arrays
+        of the rate at the nodes of their steps.
         """
         sums = [
             steps.sum_over_intervals(self.rule.integral(values, steps.h))
@@ -92,7 +97,9 @@ class AngleIntegral(_RateIntegral):
         return sums[0] - sums[1]
 
     def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
-        """Return the rounding error of sums over intervals, whose sizes are the integrals of abs(rate)."""
+        """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) over the
+        intervals [rad].
+        """
         return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
@@ -123,9 +130,9 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the quaternions (w, x, y, z) at the ends of steps, without a jump of sign; shape (steps + 1, 4).
-        Starts (..., 4) of many motions give the shape (..., steps + 1, 4). For one motion raise an ArgumentError if a
-        quaternion overflows.
+        """Integrate the attitude from the quaternion `start`; return the quaternions (w, x, y, z) at the ends of
+        steps, without a jump of sign, shape (steps + 1, 4). Starts (..., 4) of many motions give the shape (...,
+        steps + 1, 4). Raise an ArgumentError if a quaternion of a single motion overflows.
         """
         begin = start * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
@@ -136,11 +143,15 @@ class AttitudeIntegral(_RateIntegral):
         return quats * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the rotations of steps into rows."""
+        """Write the rotations of steps into `rows`, as quaternions. The steps begin at `begin` and have the lengths
+        h, a pair of arrays (high and low part).
+        """
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
-        """Write the quaternions of steps of lengths h into `quats`, from omega at the nodes of the steps."""
+        """Write the rotations of steps of lengths h into `quats`, as quaternions, computed from `node_omega`, omega
+        at the nodes of the steps.
+        """
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
@@ -150,8 +161,9 @@ class AttitudeIntegral(_RateIntegral):
         )
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the rotation vectors [rad] from results of fine steps to those of coarse steps; (intervals, 3).
-        `node_values` are omega at the nodes of the coarse and of the fine steps.
+        """Return the rotation vectors [rad] from the rotations over intervals by fine steps to those by coarse steps,
+        shape (intervals, 3). `coarse` and `fine` are Subdivisions of the same intervals into steps, and `node_values`
+        is the pair of arrays of omega at the nodes of their steps.
         """
         a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), node_values, strict=True))
         w, x, y, z = quaternion_product(tuple(a), (b[0], -b[1], -b[2], -b[3]))
@@ -161,7 +173,10 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
     def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
-        """Return the quaternions of the rotations over intervals, products of those of the steps; (4, intervals)."""
+        """Return the quaternions of the rotations over intervals, shape (4, intervals). Each is the product of the
+        rotations of the interval's steps in `subdivision`, computed from `node_omega`, omega at the nodes of the
+        steps.
+        """
         quats = np.empty((len(subdivision.h), 4))
         self._compute_rotations(node_omega, subdivision.h, quats)
         q, part = quats.T.copy(), subdivision.part
@@ -175,7 +190,9 @@ class AttitudeIntegral(_RateIntegral):
         return q
 
     def rounding_of_sums(self, sizes: Array, steps: Array) -> Array:
-        """Return the rounding error of products over intervals that turn by `sizes` in `steps`: a random walk."""
+        """Return the rounding errors [rad] of products of rotations over intervals, which grow as a random walk.
+        `sizes` are the angles turned in the intervals [rad], `steps` their numbers of steps.
+        """
         return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
@@ -183,7 +200,9 @@ class AttitudeIntegral(_RateIntegral):
         return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
-        """Return the errors of intervals in the axes of the first instant; `quats` are attitudes at their ends."""
+        """Rotate errors of intervals, rotation vectors (P, 3), to the axes of the first instant, and return them.
+        `quats` are the attitudes at the ends of the intervals.
+        """
         q = quats if self.omega_in_body_axes else quats * _QUATERNION_CONJUGATE_SIGNS
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)

@@ -140,8 +140,10 @@ def integrate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> Any:
-    """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12). Return a
-    `Trajectory`, for a PlanarPair a `PlanarTrajectory`. Raise an ArgumentError if `tol` cannot be reached.
+    """Integrate the motion of a pair over the instants t from the angular velocity `omega1` of body 1 and the hinge
+    rate `psid`, each a constant, samples at t or a callable of t (E12). Return a `Trajectory`, for a PlanarPair a
+    `PlanarTrajectory`. The motion starts from S1_0 (in the plane phi_0) and psi_0. Raise an ArgumentError if the
+    error cannot be kept below `tol`.
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -239,7 +241,10 @@ def integrate(
 
 
 class _Request(NamedTuple):
-    """Checked arguments of `integrate`: options, signals, R1, values at the start, plan, and shape of the motions."""
+    """Checked arguments of `integrate`: the pair, the solver's options, arrays of signals of the rates by name,
+    arrays of R1, v1 and a1, orientation and hinge angle at the start, the leading shape of the motions, and the plan
+    of the outputs.
+    """
 
     pair: Any
     options: SolveOptions
@@ -269,8 +274,8 @@ def _read_request(
     outputs: Outputs,
     backend: str,
 ) -> _Request:
-    """Check the arguments of `integrate`, and return them as a `_Request` of signals and arrays. Raise an
-    ArgumentError that names an argument of wrong kind or shape. Samples may still hold NaN.
+    """Check the arguments of `integrate`, and return them as a `_Request`, in which rates are signals and other
+    values arrays. Raise an ArgumentError that names an argument of wrong kind or shape. Samples may still hold NaN.
     """
     check_choice("method", method, METHOD_NAMES)
     check_choice("frame", frame, RATE_FRAME_NAMES)
@@ -309,8 +314,9 @@ def _read_request(
 
 
 def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
-    """Return a value at t[0] as a float64 array: `trailing_shape` of one motion, (..., *trailing_shape) of many.
-    Raise an ArgumentError for another shape.
+    """Return a value at t[0] as a float64 array. Its shape is `trailing_shape`, the further positional arguments, for
+    one motion, and (..., *trailing_shape) for many. Raise an ArgumentError that names the argument `name` for another
+    shape.
     """
     if np.ndim(value) == 0 and not trailing_shape:
         return np.array(finite_number(name, value))
@@ -318,7 +324,8 @@ def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
 
 
 def _name_of_motion(name: str, index: Sequence[int]) -> str:
-    """Return the name of an argument with the index of a motion, for messages; the name alone for an empty index.
+    """Return text for messages, the argument name `name` followed by the index of a motion; the name alone for an
+    empty index.
 
     >>> [_name_of_motion("psi_0", index) for index in [(), (3,), (2, 5)]]
     ['psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)']
@@ -327,7 +334,9 @@ def _name_of_motion(name: str, index: Sequence[int]) -> str:
 
 
 class _Motion(NamedTuple):
-    """One motion of a request: its index, the signals of its rates, and attitude and hinge angle at its start."""
+    """One motion of a request: its index, a mapping of the signals of its rates by name, and its attitude (in the
+    plane its angle) and hinge angle at the start.
+    """
 
     motion_index: tuple[int, ...]
     signals: Mapping[str, Any]
@@ -336,7 +345,7 @@ class _Motion(NamedTuple):
 
 
 def _list_motions(request: _Request) -> list[_Motion]:
-    """Return a list of the motions of a request, in C order of their indices."""
+    """Return a list of the motions of a request, as `_Motion` records in C order of their indices."""
     shape, is_planar = request.motions, isinstance(request.pair, PlanarPair)
     signals: dict[str, Any] = dict(request.signals)
     starts, psi_0 = request.start, request.psi_0
@@ -357,10 +366,8 @@ def _list_motions(request: _Request) -> list[_Motion]:
 
 @contextlib.contextmanager
 def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...] | None) -> Iterator[None]:
-    """Return a context manager that raises an ArgumentError of its block again with the motion's index in the name,
-    or as it is for a single motion.
-
-    `first_motion_index` is the index that messages give the first motion; zeros unless given.
+    """Return a context manager that raises an ArgumentError of its block again with the index of `motion` in the
+    name. The error of a single motion is raised as it is. `first_motion_index`, unless None, is added to the index.
     """
     try:
         yield
@@ -376,8 +383,8 @@ def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...]
 def _check_motions(
     request: _Request, motions: Iterable[_Motion], first_motion_index: tuple[int, ...] | None = None
 ) -> None:
-    """Raise an ArgumentError that names the first motion of which a number is not finite, or the attitude at the
-    start is no rotation. `first_motion_index` is the index that messages give the first motion; zeros unless given.
+    """Raise an ArgumentError if a number of one of the motions is not finite, or an attitude at the start is no
+    rotation. The error names the first such motion. `first_motion_index`, unless None, is added to its index.
     """
     for motion in motions:
         with _errors_named_by_motion(motion, first_motion_index):
@@ -385,15 +392,9 @@ def _check_motions(
 
 
 def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None = None) -> list[Solution]:
-    """Check and solve each motion (E12), and return a list of the solutions in C order of the indices of the motions.
-    Raise an ArgumentError that names the first motion that cannot be solved.
-
-    Args:
-        request: the motions.
-        first_motion_index: index that messages give the first motion; zeros unless given.
-
-    Raises:
-        ArgumentError, GimbalLockError: a motion cannot be used; of many motions the error names the motion.
+    """Check and solve each motion of a request (E12); return a list of `Solution`s in C order of the motions'
+    indices. Raise an ArgumentError or a GimbalLockError that names the first motion that cannot be solved.
+    `first_motion_index`, unless None, is added to its index.
     """
     motions, solutions = _list_motions(request), []
     _check_motions(request, motions, first_motion_index)
@@ -404,8 +405,9 @@ def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None
 
 
 def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> list[tuple[Array, Array] | None]:
-    """Return a list of (orientations, hinge angles) of each motion, integrated in groups; None for each motion that
-    has steps of its own, or is alone in its group.
+    """Integrate motions in groups; return a list with a pair for each motion, the arrays of its orientations and of
+    its hinge angles. The list has None for a motion that is alone in its group, and for all motions if the options
+    give each of them steps of its own (a tolerance, Euler angles or SciPy's solver).
     """
     group_size = max(1, _MAX_STEPS_PER_MOTION_GROUP // len(options.t))
     results: list[tuple[Array, Array] | None] = []
@@ -422,7 +424,9 @@ def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> li
 
 
 def _check_motion(request: _Request, motion: _Motion) -> None:
-    """Raise an ArgumentError if a number of a motion is not finite, or its attitude at the start is no rotation."""
+    """Raise an ArgumentError if a number of a motion is not finite, or its attitude at the start is no rotation. The
+    error names the argument, not the motion.
+    """
     for name, signal in motion.signals.items():
         check_finite_values(name, signal)
     finite_number("psi_0", motion.psi_0)
@@ -433,9 +437,9 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
 
 
 def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Array, Array] | None) -> Solution:
-    """Return the `Solution` of one motion (E12), from its orientations and hinge angles if these are integrated
-    already; raise an
-    ArgumentError if the tolerance is not reached.
+    """Return the `Solution` of one motion (E12). `integrated` is the pair of arrays of its orientations and hinge
+    angles if these are computed already, otherwise None. Raise an ArgumentError if the tolerance of the options is
+    not reached.
     """
     signals = motion.signals
     solution = solve(options, signals["omega1"], signals["psid"], motion.start, motion.psi_0, integrated)
@@ -444,7 +448,9 @@ def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Arra
 
 
 def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
-    """Return the `Trajectory` or `PlanarTrajectory` of all motions, with states, from their solutions."""
+    """Return the `Trajectory` or `PlanarTrajectory` of all motions of a request from their solutions. Compute its
+    state, the requested outputs at all instants.
+    """
     t, motions = request.options.t, request.motions
     is_planar = isinstance(request.pair, PlanarPair)
     orientations = _stack_results(
@@ -472,8 +478,9 @@ def _stack_results(
     trailing_shape: tuple[int, ...],
     dtype: np.dtype[Any] = FLOAT64_DTYPE,
 ) -> NDArray[Any]:
-    """Return the results of motions, arrays of equal shape, as one read-only array (*motions, *trailing_shape). The
-    result of a single motion, where `motions` is (), is not copied.
+    """Return the results of motions, arrays of shape `trailing_shape`, as one read-only array (*motions,
+    *trailing_shape), where `motions` is the leading shape of the motions. The result of a single motion, where
+    `motions` is (), is not copied.
     """
     if not motions:
         return read_only(np.asarray(results[0]))
@@ -484,12 +491,16 @@ def _stack_results(
 
 
 def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
-    """Return the error of one motion, or those of many."""
+    """Return the error estimates of motions as one object, a LazyValues of shape `motions`; where that is (), return
+    the LazyValue of the single motion.
+    """
     return LazyValues(object_array(motions, errors)) if motions else errors[0]
 
 
 def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
-    """Return the `PairState` or `PlanarState` with the requested outputs at the instants of all motions."""
+    """Compute the requested outputs at all instants of all motions; return them as a `PairState` or `PlanarState`.
+    `orientations` are the quaternions of body 1, in the plane its angles, and `psi` the hinge angles.
+    """
     options, plan = request.options, request.plan
     shape = psi.shape
     if not plan.outputs:
@@ -512,8 +523,9 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
 def _integrate_lazily(
     pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
 ) -> Any:
-    """Return a trajectory whose arrays are lazy Dask arrays, of which one task integrates each chunk of motions. All
-    arguments are checked here. `motion_arguments` and `other_arguments` are those of `integrate`, by name.
+    """Return a trajectory of lazy Dask arrays, in which one task integrates each chunk of motions. Check all
+    arguments at once. `motion_arguments`, which may be Dask arrays, and `other_arguments` are dicts of arguments of
+    `integrate`.
     """
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
@@ -558,26 +570,27 @@ def _shape_for_one_motion(value: Any, instant_count: int, value_shape: tuple[int
 
 
 def _integrate_chunk(first_motion_index: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Integrate a chunk of motions, and return the arrays of their trajectory by name.
-
-    Args:
-        first_motion_index: index of the chunk's first motion among all, for messages; None where it is not known.
-        arguments: of `integrate`.
+    """Integrate a chunk of motions and return a dict of the arrays of their trajectory. The keyword arguments are
+    those of `integrate`. `first_motion_index` is the index of the chunk's first motion among all, for messages of
+    errors, or None.
     """
     request = _read_request(**arguments)
     return _trajectory_arrays_by_name(_make_trajectory(request, _solve_motions(request, first_motion_index)))
 
 
 def _estimate_errors(first_motion_index: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Integrate a chunk of motions; return by name the error estimates of attitude and psi of each, (...,) rad."""
+    """Integrate a chunk of motions and return a dict of the error estimates of attitude and psi, arrays with a number
+    [rad] for each motion. The keyword arguments are those of `integrate`. `first_motion_index` is the index of the
+    chunk's first motion among all, for messages of errors, or None.
+    """
     request = _read_request(**arguments | {"outputs": ()})
     trajectory = _make_trajectory(request, _solve_motions(request, first_motion_index))
     return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
 
 
 def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Check all arguments of `integrate`, and return a dict of arrays with the names, shapes and dtypes of those that
-    `_integrate_chunk` returns.
+    """Check all arguments of `integrate`, given as keyword arguments, and return a dict of arrays with the names,
+    shapes and dtypes of those that `_integrate_chunk` returns. `first_motion_index` is None.
 
     Only the first instant is integrated, which takes no step.
     """
@@ -600,24 +613,26 @@ def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str
 
 
 def _error_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
-    """Return arrays of the shapes and dtypes that `_estimate_errors` returns."""
+    """Return a dict of arrays of zeros with the names, shapes and dtypes of those that `_estimate_errors` returns.
+    The keyword arguments are those of `integrate`; `first_motion_index` is not used.
+    """
     shape = _read_request(**arguments | {"outputs": ()}).motions
     return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}
 
 
 def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
-    """Return all arrays of a trajectory but t, by name; names of its state begin with STATE_OUTPUT_PREFIX."""
+    """Return a dict of all arrays of a trajectory but t and the error estimates. Names of the outputs of its state
+    begin with STATE_OUTPUT_PREFIX.
+    """
     names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
     arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
     return arrays | {STATE_OUTPUT_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:
-    """Return the plan that computes the outputs from the named arguments of `integrate`; None means all outputs of
-    body 2 that these arguments allow. Raise an ArgumentError for any other output.
-
-    Raises:
-        ArgumentError: an unknown output, or one that needs an argument that is missing; names it.
+    """Return the Plan that computes `outputs` from the arguments of `integrate` that `argument_names` lists. None
+    means all outputs of body 2 that these arguments allow. `pair` holds the pair's constants, and `kind` says whether
+    the motion is spatial or planar. Raise an ArgumentError for an output that is unknown or needs a missing argument.
     """
     available = (
         {"S1", "phi1", "psi"}

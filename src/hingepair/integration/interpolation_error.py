@@ -47,13 +47,10 @@ _GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINT_C
 def largest_interpolation_error(
     samples: SampledSignal, step_errors: tuple[NDArray[np.intp], Array], rotate_to_start: ErrorRotation
 ) -> float:
-    """Return the largest error of an integral of interpolated samples up to any instant [rad]; NaN below 4 samples.
-    The errors of the integration steps are part of the sum.
-
-    Args:
-        samples: the samples of the rate.
-        step_errors: indices of intervals, and the errors of the integration steps in them, which count as well.
-        rotate_to_start: rotates errors of intervals to the axes of the first instant, where they add up.
+    """Return the largest error up to any instant [rad] of the integral of a rate that is interpolated between
+    samples; NaN below 4 samples. `step_errors` is a pair of arrays, indices of intervals and errors of the
+    integration steps in them, which are part of the sum. `rotate_to_start` is a function that rotates errors of
+    intervals to the axes of the first instant.
     """
     intervals, interval_step_errors = step_errors
     if len(samples.t) < 4:
@@ -80,9 +77,9 @@ def largest_interpolation_error(
 
 
 def _interval_errors(t: Array, columns: Array) -> Array:
-    """Return the interpolation errors of the integral over each interval; shape (5, intervals, columns). The first
-    row is computed from the mean of two sixth differences, the second from the larger of them, since beside a gap
-    they may cancel. The other three are the errors of jumps, kinks and bends.
+    """Return interpolation errors of the integral over each interval between times t, shape (5, intervals, columns);
+    `columns` are the samples of the rate. The first two rows are computed from the mean and from the larger of two
+    sixth differences, which may cancel beside a gap. The other three are the errors of jumps, kinks and bends.
     """
     points = min(INTERPOLATION_POINT_COUNT, len(t))
     differences = [columns]
@@ -105,8 +102,9 @@ def _interval_errors(t: Array, columns: Array) -> Array:
 
 
 def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: int) -> Array:
-    """Return the integral over each interval of the product of the distances from all samples of a stencil. The
-    stencil of an interval is the run of `stencil_size` samples through which its polynomial passes.
+    """Return for each interval between times t the integral over the interval of the product of the distances from
+    all samples of its stencil, shape (N - 1,). The stencil is the run of `stencil_size` samples through which the
+    interval's polynomial passes; `stencil_starts` are the indices of the first samples.
     """
     h = np.diff(t)
     times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_NODES_AND_WEIGHTS[0])
@@ -119,8 +117,10 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return two arrays: the mean, and the larger one, of two divided differences for each stencil. They are the
-    differences of the stencil with the next sample on its left, and with the next sample on its right.
+    """Return two arrays (stencils, columns): the mean, and the larger one, of two divided differences for each
+    stencil, those of the stencil with the next sample on its left, and with the next sample on its right. A stencil
+    is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the list of the divided
+    differences of each order.
 
     Where there are no more samples, the differences of lower order are extrapolated.
     """
@@ -142,9 +142,10 @@ def _highest_differences(
 
 
 def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: Array) -> Array:
-    """Return the sizes of kinks in intervals; shape (intervals, columns). A kink shows as an outlier of the divided
-    differences of `order`, where the differences grow from order to order; less growth reduces the size. A jump is a
-    kink of order 1. The sizes are multiplied by h and by the order-th power of `stencil_length` [s].
+    """Return the sizes of kinks in intervals of lengths h, shape (intervals, columns), multiplied by h and by the
+    order-th power of `stencil_length` [s]. A kink shows as an outlier of the divided differences of `order`; a jump
+    is a kink of order 1. The size is reduced where the differences grow too little from order to order. `differences`
+    is the list of the divided differences of each order.
     """
     outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_indices(order, h)]
     low = _neighbourhood_max(row_norms(outliers), 2) * stencil_length**order
@@ -167,7 +168,9 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
 
 
 def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
-    """Return the index of the difference of an order that is centred on each interval, or of the nearest."""
+    """Return for each interval the index of the divided difference of an order that is centred on the interval, or of
+    the nearest one; h are the lengths of the intervals.
+    """
     return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
 
 

@@ -59,12 +59,15 @@ def quaternion_exp(Omega: Vector) -> Quaternion:
 
 
 def magnus4(w1: Vector, w2: Vector, h: Scalar) -> Vector:
-    """Return the rotation vector Omega of a step of length h from omega at two Gauss nodes, order 4."""
+    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at two Gauss nodes (w1, w2);
+    order 4.
+    """
     return subtract(scale(add(w1, w2), 0.5 * h), scale(cross(w1, w2), h * h * (_SQRT_3 / 12)))
 
 
 def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
-    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at three Gauss nodes; order 6.
+    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at three Gauss nodes (w1, w2,
+    w3); order 6.
 
     a1, a2 and a3 are h times omega at the middle node and times its first and second difference:
     Omega = a1 + a3/12 + [-20 a1 - a3 + c1, a2 + c2] / 240, c1 = [a1, a2], c2 = -[a1, 2 a3 + c1] / 60.
@@ -79,13 +82,16 @@ def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
 
 
 def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]:
-    """Return the first and second rotation vector of a commutator-free step from two Gauss nodes, order 4."""
+    """Return two rotation vectors [rad], the first and the second rotation of a commutator-free step of length h,
+    from omega at two Gauss nodes (w1, w2); order 4.
+    """
     a, b = h * (0.25 + _SQRT_3 / 6), h * (0.25 - _SQRT_3 / 6)
     return add(scale(w1, a), scale(w2, b)), add(scale(w1, b), scale(w2, a))
 
 
 def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
-    """Return the quaternion of a Runge-Kutta step of q' = omega q / 2, from omega at start, middle and end; order 4.
+    """Return the quaternion (w, x, y, z) of a Runge-Kutta step of length h of q' = omega q / 2, from omega at the
+    start (w1), the middle (w2) and the end (w3) of the step; order 4. The quaternion is not normalised.
 
     The step is linear in q, so it is a quaternion that multiplies q; its norm is 1 only approximately.
     """
@@ -103,17 +109,24 @@ def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
 
 
 def _runge_kutta_stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:
-    """Multiply the quaternion h omega / 2 by (1 + part k), the derivative at a stage."""
+    """Return the quaternion of h times the derivative at a Runge-Kutta stage, the product of h omega / 2 and 1 + part
+    k. `w` is omega at the stage, `k` the quaternion of the stage before, and `part` the fraction of the step at the
+    stage.
+    """
     return quaternion_product((0.0, *scale(w, 0.5 * h)), (1 + part * k[0], part * k[1], part * k[2], part * k[3]))
 
 
 def _exponential_of(Omega: Callable[..., Vector]) -> Callable[..., Quaternion]:
-    """Return the function from rates at the nodes and h to the quaternion exp(Omega), for a function Omega."""
+    """Return a function of omega at the nodes and the step length that gives the unit quaternion exp(Omega) of a
+    step. `Omega` is a function of the same arguments that gives the rotation vector.
+    """
     return lambda *rates_and_length: quaternion_exp(Omega(*rates_and_length))
 
 
 def _two_exponential_rotation(*rates_and_length: Any) -> Quaternion:
-    """Return the quaternion of a commutator-free step: the product of two exponentials."""
+    """Return the unit quaternion of a commutator-free step, the product of two exponentials, from omega at two Gauss
+    nodes and the step length.
+    """
     first, second = two_exponentials(*rates_and_length)
     return quaternion_product(quaternion_exp(second), quaternion_exp(first))
 
@@ -157,12 +170,12 @@ STEP_RULES: Final = {
 
 @functools.cache
 def rotation_loop(rule: StepRule) -> Loop:
-    """Return the cached `Loop` that computes the quaternions of steps from omega at the nodes and the step length h.
-    For omega in body axes, h is to be negated.
+    """Return the cached `Loop` that computes the quaternions of steps by a rule, from omega at the nodes and the step
+    length h. For omega in body axes, h is to be negated.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the quaternion q of one step, by name."""
+        """Return the quaternion of one step as {"q": ...}; `v` is a dict of omega at the nodes and the length h."""
         w = v["omega"]
         return {"q": rule.rotation(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
 
@@ -171,12 +184,14 @@ def rotation_loop(rule: StepRule) -> Loop:
 
 @functools.cache
 def angle_loop(rule: StepRule) -> Loop:
-    """Return the cached `Loop` that integrates a scalar rate over each step from its values at the nodes. The step
-    length h and the integral are sums of two doubles.
+    """Return the cached `Loop` that integrates a scalar rate over each step by a rule, from the rate at the nodes.
+    The step length h and the integral are sums of two doubles.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the integral of the rate over one step, as {"sum": two doubles}, from its values at the nodes."""
+        """Return the integral of the rate over one step as {"sum": two doubles}. `v` is a dict of the rate at the
+        nodes and the step length h, two doubles.
+        """
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(pair_sum, weighted)
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total

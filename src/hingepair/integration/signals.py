@@ -46,7 +46,9 @@ class ConstantSignal:
         return np.broadcast_to(self.value, times.shape + self.value.shape)
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
-        """Return the value at the nodes of steps; shape (steps, nodes, ...)."""
+        """Return the value, repeated for the nodes of steps; shape (steps, nodes, ...), of many motions (*motions,
+        steps, nodes, ...). `start` gives only the number of the steps.
+        """
         motions, value_shape = self.motions, self.value.shape[len(self.motions) :]
         value = self.value.reshape(*motions, 1, 1, *value_shape)
         return np.broadcast_to(value, (*motions, len(start), len(nodes), *value_shape))
@@ -108,8 +110,9 @@ class SampledSignal:
         return self.values
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return interpolated values at the nodes of steps; shape (steps, nodes, ...). No step may extend beyond the
-        two samples around its start. `nodes` are fractions of the step lengths h.
+        """Return interpolated values at the nodes of steps; shape (steps, nodes, ...). The steps begin at `start` and
+        have the lengths h [s]; `nodes` are fractions of the lengths. No step may extend beyond the two samples around
+        its start.
         """
         count = min(INTERPOLATION_POINT_COUNT, len(self.t))
         first = int(np.searchsorted(self.t, start[0]))
@@ -132,8 +135,9 @@ class SampledSignal:
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield pairs: a slice of steps whose first samples are consecutive, and the slice of these first samples. If
-    there are many such runs, yield one pair: the slice of all steps, and the array of their first samples.
+    """Yield for each run of steps whose first samples are consecutive a pair of slices, of the steps and of their
+    first samples. `first_samples` holds the index of the first sample of each step. If there are many runs, yield one
+    pair instead, the slice of all steps and the array `first_samples`.
     """
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
     if len(stops) > _MAX_RUNS_INTERPOLATED_AS_SLICES:
@@ -149,11 +153,12 @@ Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 def read_signals(
     name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution
 ) -> NDArray[np.object_]:
-    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one. Raise
-    an error if the rate is of another kind or shape.
+    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one.
+    `value` is the rate as the user gives it, a callable of t, a constant of shape `value_shape`, or samples at the
+    instants t. Raise an error that names the argument `name` if the rate is of another kind or shape.
 
-    A rate is a callable of t, a value of shape `value_shape`, or samples at the instants t. The rate of many motions
-    is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each motion is constant.
+    The rate of many motions is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each
+    motion is constant.
 
     Raises:
         ShapeError, DtypeError, ArgumentError: the value is none of these. Whether numbers are finite is not checked.
@@ -179,7 +184,9 @@ def read_signals(
 
 
 def check_finite_values(name: str, signal: Signal) -> None:
-    """Raise ArgumentError if the constant or the samples of one motion's signal are not finite; name the index."""
+    """Raise an ArgumentError if the constant or the samples of one motion's signal are not finite. The error names
+    the argument `name` and, of samples, the index of the first.
+    """
     if isinstance(signal, ConstantSignal) and not np.isfinite(signal.value).all():
         raise ArgumentError(name, "finite numbers", f"{signal.value}")
     if isinstance(signal, SampledSignal) and not np.isfinite(signal.values).all():
@@ -228,11 +235,8 @@ def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
 
 
 def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Return the result of a user's function for times (n,), which it gets as a copy that it may change. Raise an
-    ArgumentError if the function fails with a TypeError or a ValueError.
-
-    Raises:
-        ArgumentError: the callable fails as one for a single number does; names it.
+    """Call a user's function with a copy of the times (n,), and return what it returns. Raise an ArgumentError that
+    names the argument `name` if the function fails with a TypeError or a ValueError.
     """
     try:
         return function(times.copy())
@@ -246,8 +250,9 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 
 
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return a dict of R1 and, where they are known, v1 and a1; shape (dimension,) or (..., 1 or N, dimension). Raise
-    an error if R1 is of another kind or shape. A point at rest has zeros as v1 and a1.
+    """Return a dict of R1 and, if they are known, v1 and a1; shape (dimension,) or (..., 1 or N, dimension). `R1` is
+    what the user gives, points, a tuple (R1, v1) or (R1, v1, a1), or a callable of t. A point at rest has zeros as v1
+    and a1. Raise an error if R1 is of another kind or shape.
 
     R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
     N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
@@ -276,9 +281,9 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
 
 
 def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
-    """Return points as an array, (dimension,), (..., 1, dimension) or (..., N, dimension); raise a ShapeError if not.
-    `times` begins with the N instants t, and points may be given at each of these times. A point at rest has the
-    first or the second shape.
+    """Return points as an array, (dimension,) or (..., 1, dimension) for a point at rest, otherwise (..., N,
+    dimension) at the N instants t. `value` may have a point for each of `times`, which begin with the instants. Raise
+    a ShapeError that names the argument `name` for another shape.
     """
     points = real_array(name, value)
     if points.shape[-1:] != (dimension,) or _split_shape(points.shape, (dimension,))[1] not in {1, len(times)}:
@@ -295,8 +300,8 @@ def _first_not_finite(values: Array) -> int:
 
 @functools.cache
 def interpolation_loop(sample_count: int, node_count: int, column_count: int) -> Loop:
-    """Return the cached `Loop` that evaluates interpolating polynomials at the nodes of steps. The polynomials of
-    each step go through `sample_count` samples of `column_count` columns.
+    """Return the cached `Loop` that evaluates interpolating polynomials at `node_count` nodes of each step. The
+    polynomials of a step go through `sample_count` samples of `column_count` columns.
     """
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:

@@ -39,7 +39,9 @@ _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
 class SolveOptions(NamedTuple):
-    """Options of a solver: instants, method, tolerance [rad], execution, axes of omega, and names of the rates."""
+    """Options of a solver: the instants, the name of the method, the tolerance [rad] or None, the execution, whether
+    omega is in body axes, and the names of both rates for errors.
+    """
 
     t: Array  # instants [s]
     method: str  # one of METHOD_NAMES; in the plane, of STEP_RULES
@@ -50,7 +52,9 @@ class SolveOptions(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Attitudes or angles of body 1, hinge angles, number of steps, and lazy estimates of the errors [rad]."""
+    """Result of a solver for one motion: orientations of body 1 (quaternions, in the plane angles), hinge angles psi,
+    the number of steps, and lazy estimates of the errors of the orientations and of psi [rad].
+    """
 
     orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
     psi: Array  # hinge angles [rad]; shape (N,)
@@ -90,8 +94,9 @@ class _IntegratedValues(NamedTuple):
 def integrate_together(
     options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array
 ) -> tuple[Array, Array] | None:
-    """Integrate M motions over common steps; return orientations, quaternions (M, N, 4) or angles (M, N) in the
-    plane, and hinge angles (M, N). Return None if the options give each motion steps of its own.
+    """Integrate M motions over common steps, from `start` (attitudes, in the plane angles) and hinge angles psi_0.
+    Return a pair of arrays, the orientations (quaternions (M, N, 4), in the plane angles (M, N)) and the hinge angles
+    (M, N). Return None if the options give each motion steps of its own.
 
     That is so with a tolerance, by Euler angles and by SciPy's solver. Overflow is not refused.
 
@@ -122,9 +127,9 @@ def solve(
     psi_0: float,
     integrated: tuple[Array, Array] | None = None,
 ) -> Solution:
-    """Return the `Solution` of E12 at the instants, from an attitude (in the plane an angle) and hinge angle psi_0,
-    or from the orientations and hinge angles `integrated` that `integrate_together` returned. Raise an error if a
-    result overflows or the method fails.
+    """Solve E12 for one motion, from the attitude `start` (in the plane an angle) and the hinge angle psi_0; return a
+    `Solution`. `integrated`, unless None, is the pair of orientations and hinge angles that `integrate_together`
+    returned, which are then not computed again. Raise an error if a result overflows or the method fails.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -175,9 +180,9 @@ def solve(
 def _integrate(
     integral: Integral, start: Any, selected: SelectedSteps, values: Array | None = None
 ) -> _IntegratedValues:
-    """Return the integral of a rate over selected steps, at the instants, with a lazy estimate of its error. `values`
-    are the integral at the ends of steps if it was computed already. Raise an ArgumentError if the integral
-    overflows.
+    """Integrate a rate from `start` over selected steps; return `_IntegratedValues` at the instants. `values`, unless
+    None, is the integral at the ends of the steps, which is then not computed again. Raise an ArgumentError if the
+    integral overflows.
     """
     steps, measured_errors = selected.steps, selected.measured_errors.get(integral)
     if values is None:
@@ -189,8 +194,9 @@ def _integrate(
 
 
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Integrate Euler angles, and return the attitudes as quaternions; raise a GimbalLockError near gimbal lock. With
-    a tolerance all steps are halved until the error is below it or stagnates.
+    """Integrate Euler angles from the attitude S1_0; return `_IntegratedValues` with the attitudes as quaternions.
+    `attitude` is the AttitudeIntegral of omega, which also gives the reference for the error. With a tolerance, halve
+    all steps until the error is below it or stagnates. Raise a GimbalLockError near gimbal lock.
 
     Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
     gimbal lock from a fast turn.
@@ -226,8 +232,9 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
 
 
 def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
-    """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853, and return the unit quaternions. Raise
-    an error if SciPy is missing, or its solver gives up or takes too many evaluations.
+    """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853 from the attitude S1_0; return
+    `_IntegratedValues` with unit quaternions. `attitude` is the AttitudeIntegral of omega, which also gives the
+    reference for the error. Raise an error if SciPy is missing, or its solver gives up or takes too many evaluations.
     """
     try:
         from scipy.integrate import solve_ivp
@@ -237,7 +244,9 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
-        """Return q' at a time since the first instant [s]; raise an ArgumentError after too many evaluations."""
+        """Return q' at the quaternion q and a time since the first instant [s]; raise an ArgumentError after too many
+        evaluations.
+        """
         nonlocal evaluations
         evaluations += 1
         if evaluations > MAX_SCIPY_EVALUATIONS:
@@ -261,7 +270,10 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
 def _with_reference_error(
     attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, step_count: int
 ) -> _IntegratedValues:
-    """Return quaternions (N, 4) with a lazy error estimate: the largest angle from a solution of small tolerance."""
+    """Return quaternions (N, 4) as `_IntegratedValues` with a lazy estimate of their error, the largest angle from a
+    reference solution of small tolerance. The AttitudeIntegral `attitude` computes the reference from the quaternion
+    `start`.
+    """
 
     def error() -> float:
         """Return the largest angle from the reference solution plus that solution's error [rad]."""

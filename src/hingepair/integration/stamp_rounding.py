@@ -37,14 +37,12 @@ _MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO = 4.0
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
-    """Return an estimate of the standard deviations of time stamps from the true instants [s]; shape (N,).
+    """Return an estimate of the standard deviations of time stamps from the true instants [s], shape (N,). `signals`
+    are SampledSignals with these stamps; the roughness of their values shows the deviations.
 
-    They are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
+    The estimates are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
     roughness of the values relative to what this rounding would cause; of the grid where they are largest, and of the
     smoothest signal, since another may be noisy itself. Samples too few to measure count as rounded to doubles.
-
-    Args:
-        signals: samples at the same instants.
     """
     t = signals[0].t
     if len(t) <= _SAMPLES_PER_ROUGHNESS_WINDOW:
@@ -96,8 +94,8 @@ def stamp_grids(t: Array) -> list[Array]:
 
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
-    """Return the ratio, at most 1, of the roughness of values to the roughness that deviations of stamps [s] would
-    cause. Return None if it cannot be measured, as at even stamps.
+    """Return the ratio, at most 1, of the roughness of a signal's samples to the roughness that standard deviations
+    of the stamps, `deviations` (N,) [s], would cause. Return None if it cannot be measured, as at even stamps.
     """
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
     window_starts = np.unique(

@@ -63,8 +63,9 @@ _ERROR_SIZE_CAP = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
 class SelectedSteps(NamedTuple):
-    """Selected integration steps, and by integral a sample of the steps and the errors measured on it. There are no
-    measured errors if steps were not selected by a tolerance.
+    """Selected integration steps (`steps`), and a mapping from each integral to a pair of a StepSample of the steps
+    and the StepErrors measured on it (`measured_errors`). The mapping is empty if no errors were measured, as without
+    a tolerance.
     """
 
     steps: Steps
@@ -73,7 +74,11 @@ class SelectedSteps(NamedTuple):
 
 
 class _Pieces(NamedTuple):
-    """Pieces into which the measured intervals are divided so far, with the measured errors of each."""
+    """Pieces of time into which the measured intervals are divided so far. Arrays give for each piece the index of
+    its interval, its start and stop [s], the size of its error [rad], whether it is part of a longer measured piece
+    (`is_refined`), and whether its error fell by the rule's order (`is_regular`). `errors` holds StepErrors by
+    integral.
+    """
 
     interval: NDArray[np.intp]  # index of the measured interval that each is part of
     start: Array  # of each [s]
@@ -91,7 +96,7 @@ class _Pieces(NamedTuple):
 
 
 def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
-    """Return the pieces of two groups as one group in the order of time."""
+    """Return two records of `_Pieces` as one, with the pieces in the order of time."""
     columns = zip(first[:-1], second[:-1], strict=True)
     interval, start, stop, sizes, refined, regular = (np.concatenate(pair) for pair in columns)
     errors = tuple(concatenate_errors(pair) for pair in zip(first.errors, second.errors, strict=True))
@@ -100,13 +105,11 @@ def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
 
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
-    """Return steps that keep the errors of integrals below a tolerance, as far as STEP_BUDGET allows. Errors of
-    interpolation between samples do not count. Without a tolerance each interval is one step.
+    """Select integration steps between the instants t that keep the error of each integral below `tol` [rad], as far
+    as STEP_BUDGET allows; return `SelectedSteps`. Errors of interpolation between samples do not count. If `tol` is
+    None, each interval is one step.
 
-    Args:
-        integrals: the integrals, all by one rule.
-        t: instants [s]; shape (N,).
-        tol: largest error [rad]; None: one step for each interval.
+    All integrals must have the same rule.
     """
     inexact = [integral for integral in integrals if not integral.is_exact]
     if tol is None or len(t) < 2 or not inexact:
@@ -141,8 +144,9 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
 def _next_part_counts(
     integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
 ) -> NDArray[np.int64]:
-    """Return the number of parts into which each piece is divided next; all 1 if errors are small enough.
-    `piece_weights` are the numbers of pieces for which each piece stands.
+    """Return an integer array, the number of equal parts into which each piece of time is divided next; all 1 if the
+    errors of the integrals are small enough for `tol`. `piece_weights` are the numbers of pieces for which each piece
+    stands.
     """
     order, sizes, target = (
         integrals[0].rule.order,
@@ -184,8 +188,9 @@ def _divide_pieces(
     counts: NDArray[np.int64],
     duration: float,
 ) -> _Pieces:
-    """Divide pieces into `counts` equal parts each, and return the parts with their errors, measured here. `pieces`
-    are arrays of intervals, starts, stops and error sizes, the first fields of `_Pieces`.
+    """Divide pieces of time into `counts` equal parts each, measure the errors of the parts, and return the parts as
+    `_Pieces`. `pieces` is a tuple of arrays, interval indices, starts, stops and error sizes. `duration` is the whole
+    time of the motion [s].
     """
     (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
@@ -221,8 +226,8 @@ class _PieceErrors:
         )
 
     def largest_sum(self, counts: Array) -> float:
-        """Return the expected largest sum of errors up to any instant [rad] of pieces divided into `counts` parts
-        each.
+        """Return the expected largest sum of errors up to any instant [rad] if the pieces are divided into `counts`
+        parts each, an array.
         """
         factors = counts**-self.order
         chance = math.sqrt(float(((self.uncertain * factors) ** 2).sum()))
@@ -230,9 +235,9 @@ class _PieceErrors:
 
 
 def _assemble_steps(integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> SelectedSteps:
-    """Return the selected steps: each piece is one step, and intervals that were not measured are divided too. Such
-    an interval gets steps no longer than the longest piece of its part. The errors of the pieces are returned as the
-    errors of a sample of the steps.
+    """Return the steps of the whole motion as `SelectedSteps`. Each piece is one step. Each interval that was not
+    measured is divided into steps no longer than the longest piece of the measured interval that stands for it. The
+    errors of the pieces become the measured errors of a sample of the steps.
     """
     t, count = step_sample.t, len(step_sample.t) - 1
     steps = Steps(t)
@@ -253,19 +258,10 @@ def _assemble_steps(integrals: Sequence[Integral], step_sample: StepSample, piec
 def _part_counts(
     sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return into how many parts pieces must be divided for a given sum of error sizes, as two arrays. The first
-    holds integers within `max_counts` and STEP_BUDGET; the second is without limits and not rounded.
-
-    Args:
-        sizes: sizes of the errors of pieces [rad].
-        weights: number of pieces that each stands for.
-        max_counts: largest numbers of parts.
-        target_sum: the sum of the sizes of the parts' errors [rad].
-        order: power of the length of steps by which errors fall.
-
-    Returns:
-        The numbers of parts, within `max_counts` and for STEP_BUDGET in all; and the numbers without these limits,
-        not rounded.
+    """Return two arrays, the numbers of parts into which pieces must be divided so that the error sizes of all parts
+    add up to `target_sum` [rad]. The first array holds integers within `max_counts` and STEP_BUDGET; the second is
+    without limits and not rounded. `sizes` are the error sizes of the pieces, `weights` the numbers of pieces that
+    each stands for, and `order` is the power of the step length by which errors fall.
     """
     shares = sizes ** (1 / (order + 1))
     unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares

@@ -35,7 +35,9 @@ MAX_SEQUENTIAL_SCAN_ELEMENTS: Final = 64
 
 
 class Steps(NamedTuple):
-    """Steps of integration between consecutive times, and indices of the times that are instants of the result."""
+    """Steps of integration between consecutive times `t`. `instant_indices` are the indices of the times that are
+    instants of the result; None means all times.
+    """
 
     t: Array  # shape (steps + 1,)
     instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all
@@ -46,11 +48,11 @@ class Steps(NamedTuple):
         return len(self.t) - 1
 
     def at_instants(self, rows: Array) -> Array:
-        """Return the rows at the instants, of rows between all steps."""
+        """Return the rows at the instants, of `rows` at the ends of all steps."""
         return rows if self.instant_indices is None else rows[self.instant_indices]
 
     def refine(self, times: Array) -> Steps:
-        """Return the steps that end at these times as well."""
+        """Return Steps that end at `times` as well; the instants of the result stay the same."""
         t = np.union1d(self.t, times)
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
@@ -64,12 +66,16 @@ class Steps(NamedTuple):
         )
 
     def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
-        """Return the starts of steps and their lengths, as sums of two doubles."""
+        """Return the starts of the steps with indices from `first` to before `last`, and their lengths as a pair of
+        arrays (high and low part).
+        """
         return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
 
 class Subdivision(NamedTuple):
-    """Intervals that are divided into equal steps each: number of steps by interval, start and stop of each step."""
+    """Intervals that are divided into equal steps each. `counts` are the numbers of steps of the intervals; `start`,
+    `stop` and `part` are the start, the stop and the index in its interval of each step.
+    """
 
     counts: NDArray[np.int64]  # steps of each interval
     start: Array  # of each step
@@ -82,13 +88,13 @@ class Subdivision(NamedTuple):
         return self.stop - self.start
 
     def sum_over_intervals(self, rows: Array) -> Array:
-        """Sum rows, one for each step, over the intervals."""
+        """Return the sums of `rows`, one row for each step, over the steps of each interval."""
         return np.asarray(np.add.reduceat(rows, np.cumsum(self.counts) - self.counts))
 
 
 def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivision:
-    """Return the `Subdivision` of intervals into `counts` equal steps each. Within an interval, the end of a step is
-    exactly the start of the next one.
+    """Divide the intervals from `start` to `stop` into `counts` equal steps each; return a `Subdivision`. Within an
+    interval, the end of a step is exactly the start of the next one.
     """
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
@@ -145,9 +151,10 @@ class PrefixScan:
         execution: Execution,
         motions: tuple[int, ...] = (),
     ) -> Array:
-        """Return the products of a start element and the elements of the first k steps, for all k, of one or of many
-        motions; (*motions, steps + 1, width). `write_elements` writes the elements of steps with given starts and
-        lengths (as two doubles) into rows.
+        """Combine the element `start`, a tuple of components, with the elements of the first k steps, for all k;
+        return the products, shape (*motions, steps + 1, width). `write_elements` is a function of starts and lengths
+        (two doubles) of steps and of rows, into which it writes the elements of these steps. `motions` is the leading
+        shape of many motions.
 
         Products of chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many
         motions rows are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the
@@ -168,16 +175,17 @@ class PrefixScan:
         return rows[..., : steps.step_count + 1, :]
 
     def padded_buffer(self, count: int, motions: tuple[int, ...] = ()) -> Array:
-        """Return a new buffer of rows for `count` elements of each motion; only the additional rows, which complete
-        groups, are filled, with the neutral element.
+        """Return a new array of rows for `count` elements of each motion, as `scan` needs it; `motions` is the
+        leading shape of the motions. Only the additional rows, which complete groups, are filled, with the neutral
+        element.
         """
         rows = np.empty((*motions, _padded_length(count), len(self.neutral)))
         rows[..., count:, :] = self.neutral
         return rows
 
     def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
-        """Replace rows of a `padded_buffer` by their prefix products from a start element. Return the product of all
-        rows without the start.
+        """Replace `rows`, a `padded_buffer`, in place by their prefix products from the element `start`, a tuple of
+        components. Return the product of all rows without the start, a tuple too.
         """
         motions, count = rows.shape[:-2], rows.shape[-2]
         if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
@@ -200,7 +208,9 @@ class PrefixScan:
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Run a loop that replaces `elements` by their products with `prefixes`, the products before them."""
+        """Run a loop that replaces `elements` in place by their products with `prefixes`, the products of all
+        elements before them; return None.
+        """
         loop.run(
             {"element": elements, "prefix": prefixes},
             {"element": elements},

@@ -135,8 +135,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return a dict of the Dask arrays, and the function that makes a trajectory from such a dict, computed or
-        not.
+        """Return a dict of the Dask arrays of the trajectory, and the function that makes a trajectory from such a
+        dict, computed or not.
         """
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         state = values.pop("state")
@@ -147,8 +147,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...). Raise
-        an ArgumentError for many motions or Dask arrays.
+        """Return a dict of the arrays of one motion: the outputs of the state, the motion of body 1 ("R1" and "S1",
+        in the plane "phi") and "psi"; shape (N, ...). Raise an ArgumentError for many motions or Dask arrays.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -161,8 +161,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return the names of the leading axes, and all outputs by name. The axes are those of the motions, if there
-        are many, and "time".
+        """Return a tuple of the names of the leading axes, and a dict of all arrays. The axes are those of the
+        motions, if there are many, and "time".
         """
         count = len(self.motions)
         if not count and not holds_dask(self.psi):
@@ -171,7 +171,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return (*motion_axes, "time"), self._arrays()
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (..., N, ...)."""
+        """Return a dict of the state's outputs, the motion of body 1 and the hinge angle; shape (..., N, ...)."""
         names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
         return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
 
@@ -334,15 +334,9 @@ def trajectory_from_arrays(
     state_function: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory of the given class from its arrays, NumPy or Dask, and its other fields, by name.
-    `state_function` makes the state from the arrays of the outputs. NumPy arrays become read-only; those of error
-    estimates become lazy values.
-
-    Args:
-        trajectory_class: class of the trajectory.
-        other_values: values of the fields that are no such arrays, by name.
-        state_function: function of the outputs by name that returns the state.
-        arrays: arrays of the fields by name; the names of the outputs of the state begin with STATE_OUTPUT_PREFIX.
+    """Return a trajectory of `trajectory_class` from `arrays` (NumPy or Dask) and `other_values`, its fields by name.
+    `state_function` makes the state from a dict of the arrays whose names begin with STATE_OUTPUT_PREFIX, without
+    this prefix. NumPy arrays become read-only; those of error estimates become lazy values.
     """
     outputs = {
         name.removeprefix(STATE_OUTPUT_PREFIX): a
@@ -408,14 +402,16 @@ def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
 
 
 def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotate vectors (..., 3) from body 1's axes to the world's by attitudes S1 (..., 3, 3)."""
+    """Rotate vectors (..., 3) from the axes of body 1 to those of the world by attitudes S1 (..., 3, 3); return them,
+    shape (..., 3).
+    """
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (..., N, 3) of the attitudes that `phi` gives, continuous from sample to sample. `proper`
-    says that the first and the third axis of the sequence coincide.
+    """Return Euler angles (..., N, 3) [rad] of the same attitudes as the angles `phi`, continuous from sample to
+    sample. `proper` says that the first and the third axis of the sequence coincide.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
