@@ -22,7 +22,8 @@ _MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedNumber:
-    """Number of a scene that a sweep varies, with its values in a grid or its distribution in other designs.
+    """Number of a scene that a sweep varies: its `key` in the scene file, in a grid its `values`, and in other
+    designs its distribution, `spread` (low, high) or, if `normal` is True, (mean, standard deviation).
 
     Attributes:
         key: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]".
@@ -38,8 +39,8 @@ class VariedNumber:
 
 
 def read_varied_number(table: Table, design: str) -> VariedNumber:
-    """Return the `VariedNumber` that one table [[vary]] of a sweep file describes, for one of `DESIGN_NAMES`. Raise a
-    SceneError if a key cannot be used.
+    """Return the `VariedNumber` that one Table [[vary]] of a sweep file describes. `design` is one of `DESIGN_NAMES`,
+    on which the allowed keys depend. Raise a SceneError for a key that is missing, unknown or not of this design.
 
     Raises:
         SceneError: a key is missing, unknown, or of another design; the message names it.
@@ -71,8 +72,8 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
 def _read_two_numbers(
     table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Return the numbers under two keys of a table. Raise a SceneError if a number is missing, or the table has a key
-    that is not allowed.
+    """Return the numbers under `first_key` and `second_key` of a Table, two floats. Raise a SceneError if a number is
+    missing, or if the table has a key that is not in `allowed_keys`.
     """
     for key in table.values:
         if key not in allowed_keys:
@@ -83,8 +84,10 @@ def _read_two_numbers(
 def design_values(
     table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
-    """Return the values of the varied numbers in every variant of a design; shape (variants, numbers). Raise a
-    SceneError if they are too many, and a MissingDependencyError for a Sobol design without SciPy.
+    """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
+    numbers). `samples` and `seed` are those of a random or Sobol design; `samples` is None in a grid. Raise a
+    SceneError that names `table` for too many variants or missing `samples`, and a MissingDependencyError for a Sobol
+    design without SciPy.
 
     In a grid, the last number changes fastest.
 
@@ -123,8 +126,9 @@ def design_values(
 
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
-    """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions). Raise a SceneError that names
-    `table` for too many dimensions, and a MissingDependencyError without SciPy.
+    """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions). The `seed`
+    determines the scrambling. Raise a SceneError that names `table` for too many dimensions, and a
+    MissingDependencyError without SciPy.
     """
     try:
         from scipy.stats.qmc import Sobol

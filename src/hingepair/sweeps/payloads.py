@@ -42,8 +42,8 @@ _UPPER_TRIANGLE_INDICES: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)
 
 
 class _VariedProperty(NamedTuple):
-    """Mass property of a payload that is varied: its name, the index of its component, and the column of its values
-    in the array of the varied numbers.
+    """Mass property of a payload that is varied: its `name` (mass, center_of_mass or inertia), the index of its
+    `component`, and the `column` of its values in the array of the varied numbers.
     """
 
     column: int
@@ -52,7 +52,8 @@ class _VariedProperty(NamedTuple):
 
 
 class _VariedPayload(NamedTuple):
-    """Payload of which some mass properties are varied: its body in the scene file, and the varied properties.
+    """Payload with varied mass properties: the `body` of the scene file, `inertia_per_mass`, whether the inertia is
+    proportional to the mass, and the `varied` properties.
 
     Attributes:
         body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
@@ -65,10 +66,8 @@ class _VariedPayload(NamedTuple):
     varied: tuple[_VariedProperty, ...]
 
     def mass_properties(self, numbers: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) in SI units.
-
-        Args:
-            numbers: values of the varied numbers; (variants, numbers).
+        """Return the payload's mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) in SI
+        units, three arrays. `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         count = len(numbers)
         mass = np.full(count, self.body.mass)
@@ -97,8 +96,9 @@ class _VariedPayload(NamedTuple):
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
     def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        """Return a list of ten moments about the link's origin: mass, 3 first and 6 second moments. Each is a sum of
-        two arrays (variants,) of doubles.
+        """Return the payload's ten moments about the origin of its link, a list of arrays (variants,) in twice the
+        precision of doubles: mass, 3 first and 6 second moments. `numbers` are the values of the varied numbers;
+        (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
@@ -134,11 +134,9 @@ class PayloadVariantComputer:
         self._links = tuple(payloads)
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return instants [s] and outputs by name, (variants, samples, ...). Return None if a payload may be invalid,
-        so that variants must be computed one by one.
-
-        Args:
-            numbers: values of the varied numbers; (variants, numbers).
+        """Return (t, arrays) for all variants: the instants [s] and a dict of outputs by name, shape (variants,
+        samples, ...). Return None if a payload may be invalid, so that variants must be computed one by one.
+        `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         if not all(payload.is_clearly_valid(numbers) for payload in self._payloads):
             return None
@@ -219,8 +217,8 @@ class _PayloadForceProgram:
         return [column for column, known in enumerate(self._known) if known is None]
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the forces of all variants, (variants, samples, ...), from the ten `mass_moments` of each payload,
-        one payload after the other.
+        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` are those of
+        all payloads in one list, ten for each payload.
         """
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
@@ -247,8 +245,10 @@ def payload_variant_computer(
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a computer of variants that differ in masses, centres of mass or diagonal inertias of payloads only.
-    Return None if the keys vary anything else.
+    """Return a PayloadVariantComputer of variants of a MechanismScene that differ in masses, centres of mass or
+    principal inertias of payloads only; None if `keys`, paths of the varied numbers in the scene file, lead to
+    anything else. `unloaded_robot` is the Mechanism without payloads, `outputs` names the outputs to compute, None
+    for all of the scene.
 
     Args:
         scene: scene as its file describes it.
@@ -279,7 +279,9 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
-    """Return the payload that a table describes, with its varied properties. Raise a SceneError if it is invalid."""
+    """Return the _VariedPayload with the body that a table describes and the given varied properties. Raise a
+    SceneError if the table does not describe a body.
+    """
     values = table.read(READER_BY_BODY_KEY, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(

@@ -59,18 +59,21 @@ class Store:
                 raise ArgumentError("out", expected, quoted(str(self.parts)))
 
     def missing(self, chunk_count: int) -> list[int]:
-        """Return the indices of the chunks that are not finished."""
+        """Return the list of the indices of chunks, from 0 to `chunk_count` - 1, that are not finished."""
         return [chunk for chunk in range(chunk_count) if not self._part(chunk).exists()]
 
     def add(self, chunk: int, columns: Columns) -> None:
-        """Write the columns of a finished chunk, by name, to the file of the chunk, completely or not at all."""
+        """Write the columns of a finished chunk, a dict of arrays by name, to the file of the chunk, completely or
+        not at all. `chunk` is its index. Raise an ArgumentError if the file cannot be written.
+        """
         with whole_file(self._part(chunk)) as file:
             arrays: dict[str, Any] = dict(columns)
             np.savez(file, **arrays)
 
     def finish(self, chunk_count: int, chunk_size: int) -> None:
-        """Write the store from the files of all chunks, and delete the folder of these files. Raise an ArgumentError
-        if a file cannot be read or written.
+        """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.
+        `chunk_size` is the number of variants in each chunk but the last. Raise an ArgumentError if a file cannot be
+        read or written.
         """
         write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
         with _convert_os_errors(self.path):
@@ -78,11 +81,8 @@ class Store:
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the columns of a finished chunk by name, read from the file of the chunk. Raise an ArgumentError if
-        the file is damaged.
-
-        Raises:
-            ArgumentError: `out`: the file of the chunk is damaged.
+        """Return the columns of the finished chunk with the index `chunk`, read from its file, as a dict of arrays by
+        name. Raise an ArgumentError about `out` if the file is damaged.
         """
         path = self._part(chunk)
         try:
@@ -98,7 +98,9 @@ class Store:
 
 @contextlib.contextmanager
 def _convert_os_errors(path: Path) -> Iterator[None]:
-    """Return a context manager that turns an OSError in its block into an ArgumentError about `out`."""
+    """Return a context manager that converts an OSError in its block into an ArgumentError about `out`, whose message
+    names `path`.
+    """
     try:
         yield
     except OSError as error:
@@ -108,11 +110,8 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
 
 
 def check_packages(path: Path) -> None:
-    """Raise a MissingDependencyError unless Dask and the package that writes a store with the suffix of `path` are
-    installed.
-
-    Raises:
-        MissingDependencyError: a package is not installed; the message names it.
+    """Raise a MissingDependencyError that names a missing package, unless Dask and the package that writes a store
+    with the suffix of `path` are installed.
     """
     for package in ("dask", {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")):
         if find_spec(package) is None:
@@ -120,8 +119,8 @@ def check_packages(path: Path) -> None:
 
 
 def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
-    """Write the store as a Parquet file from the files of its chunks: a row group for each chunk, and a row for each
-    variant, or for each variant and instant.
+    """Write a Store as a Parquet file from the files of its `chunk_count` chunks: a row group for each chunk, and a
+    row for each variant, or for each variant and instant. The chunk size is not used.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -138,8 +137,8 @@ def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
 
 
 def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return the columns of a chunk as one-dimensional columns of scalars, by name such as R2_x. Each has a row for
-    each variant and instant.
+    """Return the columns of a chunk, arrays by name, as a dict of one-dimensional columns of scalars by name such as
+    R2_x. Each has a row for each variant and instant, or, if there is no column t, for each variant.
 
     Where the results have no instants, each row is a variant.
     """
@@ -163,8 +162,8 @@ def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
 
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
-    """Write the store as a Zarr group of arrays from the files of its chunks. The first axis of an array counts
-    variants, the second counts instants.
+    """Write a Store as a Zarr group of arrays from the files of its `chunk_count` chunks, of which each but the last
+    has `chunk_size` variants. The first axis of an array counts variants, the second counts instants.
     """
     import zarr
 

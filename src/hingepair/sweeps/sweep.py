@@ -41,7 +41,8 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Sweep that a file describes: a scene, the varied numbers, and the division into chunks.
+    """Sweep that a file describes: its title, the `task` (scene, varied keys, outputs and reductions), the varied
+    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk.
 
     Attributes:
         title: title in a sentence.
@@ -96,11 +97,8 @@ class SweepTask:
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file, and compute its first variant as a check. Raise a SceneError if the file cannot
-    be used. docs/scenes.md describes the format.
-
-    Raises:
-        SceneError: the file cannot be read as a sweep; the message names file, table and key.
+    """Read a TOML sweep file, and return it as a Sweep. Compute its first variant as a check. Raise a SceneError,
+    whose message names file, table and key, if the file cannot be used. docs/scenes.md describes the format.
     """
     table = read_tables(path)
     if "scene" not in table.values and not _SCENE_ONLY_TABLE_NAMES.isdisjoint(table.values):
@@ -170,8 +168,8 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
-    """Return the names in the list under a key of a table, without repetitions, or None if the key is missing. Raise
-    a SceneError if the value is not a list of names.
+    """Return the names in the list under a key of a table, without repetitions, as a tuple; None if the key is
+    missing. Raise a SceneError if the value is not a list of names.
     """
     value = table.values.get(key)
     if value is None:
@@ -182,8 +180,9 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
-    """Return JSON text of all that the results of a sweep depend on. Chunks of a sweep with equal text can be reused.
-    `data_files` are read, and enter as digests.
+    """Return JSON text of all that the results of a sweep depend on: a SweepTask, the values of the varied numbers,
+    the chunk size, and the contents of `data_files`, which are read and hashed. Chunks of a sweep with equal text can
+    be reused.
     """
     from hingepair import __version__
 
@@ -205,8 +204,10 @@ def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data
 def run_sweep(
     sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
 ) -> Path:
-    """Compute all variants of a sweep that are not stored yet, write the store, and return its path `out`. Raise an
-    ArgumentError if that fails; finished chunks are kept, and the next call continues from them.
+    """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`. `scheduler`
+    is the address of a Dask scheduler; None computes on `workers` threads of this process. `progress` is called after
+    each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if that fails; finished chunks
+    are kept, and the next call continues from them.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -230,14 +231,17 @@ def run_sweep(
 
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
-    """Compute the chunks that a store lacks, on `workers` threads or, if `client` is a Dask client, on its cluster.
-    Write the store at the end. After an error add a note about the chunks that are kept.
+    """Compute the chunks of a Sweep that a Store lacks, on the cluster of the Dask client `client` or, if it is None,
+    on `workers` threads. Call `progress`, if not None, with the numbers of finished and of all chunks after each.
+    Write the store at the end. After an ArgumentError add a note about the chunks that are kept, and raise it again.
     """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
 
     def store_chunk(chunk_index: int, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write the columns of a finished chunk to the store, and call `progress` with the numbers of chunks."""
+        """Write the columns of a finished chunk, a dict of arrays by name, to the store. Call `progress`, if not
+        None, with the numbers of finished and of all chunks.
+        """
         store.add(chunk_index, columns)
         with lock:
             done = next(finished)
@@ -264,8 +268,8 @@ ChunkWriter = Callable[[int, Mapping[str, NDArray[Any]]], None]
 def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
-    """Compute chunks on threads of this process, and call `store_chunk` with the index and the columns of each chunk.
-    Raise the error of a chunk that cannot be computed.
+    """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
+    the index and the columns of each chunk when it is finished. Raise the error of a chunk that cannot be computed.
     """
     import dask
 
@@ -286,12 +290,8 @@ def _compute_on_threads(
 
 
 def _connect(scheduler_address: str) -> Any:
-    """Return a Dask client that is connected to the scheduler at an address. Raise an ArgumentError if it does not
-    answer, and a MissingDependencyError without distributed.
-
-    Raises:
-        ArgumentError: the scheduler does not answer.
-        MissingDependencyError: distributed is not installed.
+    """Return a Dask client that is connected to the scheduler at an address such as tcp://127.0.0.1:8786. Raise an
+    ArgumentError if the scheduler does not answer, and a MissingDependencyError without the package distributed.
     """
     try:
         from distributed import Client
@@ -306,8 +306,9 @@ def _connect(scheduler_address: str) -> Any:
 
 
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
-    """Compute chunks on the workers of a Dask cluster, and call `store_chunk` with the index and the columns of each
-    chunk. Warn if the cluster has no worker yet. Raise the error of a chunk that cannot be computed.
+    """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
+    `store_chunk` with the index and the columns of each chunk when it is finished. Warn if the cluster has no worker
+    yet. Raise the error of a chunk that cannot be computed.
 
     A chunk whose worker dies is computed by another worker.
     """
@@ -345,8 +346,9 @@ def _key(sweep: Sweep) -> str:
 
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
-    """Return the exception to raise for an error of a worker: an ArgumentError as it is, another error of this
-    package or of memory with a note that has `chunk_text`, and anything else as an ArgumentError with `chunk_text`.
+    """Return the exception to raise for an error of a worker: an ArgumentError unchanged; another error of this
+    package or a MemoryError with an added note that contains the text `chunk_text`; anything else as an ArgumentError
+    with that text.
     """
     if isinstance(error, ArgumentError):
         return error
@@ -359,8 +361,10 @@ def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
 def compute_chunk(
     task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> dict[str, NDArray[Any]]:
-    """Compute the variants of one chunk of a sweep, and return the columns of the chunk by name. Raise an
-    ArgumentError that names a variant that cannot be computed.
+    """Compute the variants of one chunk of a sweep, and return a dict of arrays by column name, one row for each
+    variant. `task` is the SweepTask, `numbers` the values of the varied numbers, shape (variants, numbers), and
+    `first_variant` the index of the first variant in the sweep. Raise an ArgumentError that names the chunk, the
+    variant that cannot be computed, and its numbers.
 
     Args:
         task: what to compute for each variant.
@@ -398,8 +402,9 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time, and yield the columns of each by name. Raise an ArgumentError that names a
-    variant that cannot be computed. `first_variant` is the index of the first one in the sweep.
+    """Compute variants one at a time, and yield a dict of arrays by column name for each, of one row. `numbers` are
+    the values of the varied numbers, shape (variants, numbers), and `first_variant` is the index of the first variant
+    in the sweep. Raise an ArgumentError that names the chunk and the variant that cannot be computed.
     """
     for i, row in enumerate(numbers):
         try:
@@ -417,13 +422,9 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
 
 
 def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask) -> dict[str, NDArray[Any]]:
-    """Return by name the columns to store for some variants: reductions, (variants,), or, if the task has none, "t"
-    and the outputs, (variants, samples, ...).
-
-    Args:
-        t: instants [s]; (samples,).
-        arrays: outputs by name; (variants, samples, ...).
-        task: says which reductions to store, if any.
+    """Return a dict of the columns to store for some variants: the reductions that the SweepTask names, (variants,),
+    or, if it names none, "t" and the outputs, (variants, samples, ...). `t` are the instants, (samples,), and
+    `arrays` the outputs by name, (variants, samples, ...).
     """
     if task.reductions:
         return {**reduce_arrays(t, arrays, task.reductions)}
@@ -435,7 +436,7 @@ _VARIANT_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make 
 
 
 def _variant_computer(task: SweepTask) -> VariantComputer:
-    """Return the computer of a task's variants, which each process makes once and keeps."""
+    """Return the VariantComputer of a SweepTask, which each process makes once and caches."""
     with _VARIANT_COMPUTER_CACHE_LOCK, compile_at_first_call():
         return _cached_variant_computer(task)
 

@@ -33,7 +33,9 @@ _BAND_HALF_WIDTH_IN_STD: Final = 1.96  # half the width of that band of a normal
 
 
 class Band(NamedTuple):
-    """Deviations of one component of the pose of body 2 at one instant: standard deviations and middle 95 %.
+    """Deviations of one component of the pose of body 2 at the instant `t`: name and unit of the component, standard
+    deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of the middle 95 % of the sampled
+    pairs.
 
     Attributes:
         component: one of `POSE_COMPONENT_NAMES`.
@@ -54,13 +56,15 @@ class Band(NamedTuple):
     t: float
 
     def cells(self) -> tuple[str, ...]:
-        """Return the cells of a printed row."""
+        """Return the cells of the band's printed row, a tuple of texts."""
         return self.component, self.unit, *(f"{size:.4g}" for size in self[2:6]), instant_text(self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """Deviations of the pose of body 2 along a scene under tolerances; columns are those of `POSE_COMPONENT_NAMES`.
+    """Deviations of the pose of body 2 along a scene under tolerances: at each instant `t` the standard deviations to
+    first order (`std`) and of sampled pairs (`sampled_std`), the middle 95 % (`band`) and the variance that each
+    dimension causes (`contributions`). Columns are those of `POSE_COMPONENT_NAMES`.
 
     Attributes:
         title: title of the scene.
@@ -83,8 +87,8 @@ class ToleranceStudy(Frozen, Shown):
     tolerances: Mapping[str, Any]
 
     def shares(self) -> dict[str, tuple[float, float]]:
-        """Return, by name of the dimension, the two fractions (0 to 1) of the variances of R2 and of the attitude
-        that the dimension causes.
+        """Return a dict from the name of each dimension to two fractions (0 to 1): those of the variances of R2 and
+        of the attitude that the dimension causes.
 
         The variances are means over the instants. The dimension with the largest fraction comes first; dimensions
         without scatter are left out.
@@ -98,7 +102,7 @@ class ToleranceStudy(Frozen, Shown):
         return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
     def bands(self) -> list[Band]:
-        """Return a list of the `Band` of each component, at the instant of its largest first-order standard
+        """Return a list with the `Band` of each pose component at the instant of its largest first-order standard
         deviation.
         """
         rows = []
@@ -121,7 +125,7 @@ class ToleranceStudy(Frozen, Shown):
         return "; ".join(texts)
 
     def to_json(self) -> str:
-        """Return title, tolerances, bands, shares and verdict as JSON text."""
+        """Return title, numbers of samples and instants, tolerances, bands, shares and verdict as JSON text."""
         return json_text(
             {
                 "title": self.title,
@@ -135,11 +139,8 @@ class ToleranceStudy(Frozen, Shown):
         )
 
     def plot(self) -> Figure:
-        """Return a Matplotlib figure: the bands over time, first order and sampled, and the shares of each dimension.
-        Raise a MissingDependencyError without Matplotlib.
-
-        Raises:
-            MissingDependencyError: Matplotlib is not installed.
+        """Return a Matplotlib figure: the bands over time, to first order and of the sampled pairs, and the shares of
+        each dimension. Raise a MissingDependencyError without Matplotlib.
         """
         try:
             from matplotlib.figure import Figure
@@ -179,7 +180,7 @@ class ToleranceStudy(Frozen, Shown):
         return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
 
     def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
-        """Return two tables of text, each as rows of cells with the headings first: the bands, and the shares."""
+        """Return (bands, shares), two tables of texts, each a list of rows of cells with the headings first."""
         heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")
         bands = [heading, *(band.cells() for band in self.bands())]
         shares = [("dimension", "of R2's variance", "of the attitude's")]
@@ -188,11 +189,9 @@ class ToleranceStudy(Frozen, Shown):
 
 
 def read_tolerances(scene: Scene) -> dict[str, Any]:
-    """Return the standard deviations in the table [tolerances] of a scene, by argument name of `sample_pairs`; none
-    if there is no table. Raise a SceneError for a key or a value that cannot be used.
-
-    Raises:
-        SceneError: a key is unknown, or a value is neither a number nor a list of three (for the axis: not a number).
+    """Return the standard deviations in the table [tolerances] of a Scene as a dict by argument name of
+    `sample_pairs`, such as u1_std: each a float or a list of three. The dict is empty if there is no table. Raise a
+    SceneError for an unknown key or a bad value.
     """
     table = scene.tables.table("tolerances", required=False)
     table.check_keys(STANDARD_DEVIATION_ARGUMENT_NAMES)
@@ -205,8 +204,9 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
 def study_tolerances(
     scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
 ) -> ToleranceStudy:
-    """Return a `ToleranceStudy`: the scatter of body 2's pose along a scene, to first order and by sampled pairs.
-    Raise an ArgumentError if there are no standard deviations.
+    """Return a `ToleranceStudy`: the scatter of body 2's pose along a Scene, to first order and by `samples` pairs
+    that are sampled with `seed`. Keyword arguments such as u1_std are standard deviations, which override those of
+    the scene's table [tolerances]. Raise an ArgumentError if there are none, or for the scene of a mechanism.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.

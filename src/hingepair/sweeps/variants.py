@@ -55,7 +55,7 @@ class CachedMotion:
 
     def part(self, rows: Any, order: int) -> Any:
         """Return the motion at the instants `rows`, a slice or an array of indices, with derivatives up to `order`.
-        Cache the result if `rows` is a slice.
+        If `rows` is a slice, cache the result and return the same object in later calls.
         """
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
@@ -67,11 +67,8 @@ class CachedMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Return the path of keys and list indices that a text means: "pair.u1[0]" is ("pair", "u1", 0). Raise a
-    SceneError that names `table` if the text is not of this form.
-
-    Raises:
-        SceneError: the text is not of this form; the message names `table`.
+    """Return the path of keys and list indices that the text `key` means, a tuple: "pair.u1[0]" gives ("pair", "u1",
+    0). Raise a SceneError that names `table` if the text is not of this form.
     """
     steps: list[str | int] = []
     for part in key.split("."):
@@ -84,11 +81,8 @@ def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
 
 
 def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[str | int]) -> None:
-    """Raise a SceneError that names `table` unless the path `steps` of keys and list indices leads to a number, or to
-    an expression, in the values of a scene file.
-
-    Raises:
-        SceneError: the path leads elsewhere; the message names `table` and the step of the path that fails.
+    """Raise a SceneError that names `table` unless the path `steps` of keys and list indices leads to a number or an
+    expression in `values`, the nested tables of a scene file. The message names the step that fails.
     """
     here: Any = values
     for step in steps:
@@ -153,14 +147,9 @@ class VariantComputer:
         self.samples = self._scene.samples
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-        """Return the instants [s], (samples,), and the outputs of one variant by name, (samples, ...). Raise an
-        ArgumentError if the variant cannot be computed.
-
-        Args:
-            numbers: values of the varied numbers; shape (numbers,).
-
-        Raises:
-            ArgumentError: the scene cannot be read, or computed, with these numbers.
+        """Return (t, arrays) for one variant: the instants [s], (samples,), and a dict of the outputs by name,
+        (samples, ...). `numbers` are the values of the varied numbers; shape (numbers,). Raise an ArgumentError if
+        the scene cannot be read or computed with them.
         """
         scene = self._scene_of_variant(numbers)
         if isinstance(scene, MechanismScene):
@@ -168,17 +157,15 @@ class VariantComputer:
         return _compute_pair_outputs(scene, self._outputs)
 
     def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return the instants [s] and the outputs of many variants by name, (variants, samples, ...). Return None if
-        variants must be computed one by one.
-
-        Args:
-            numbers: values of the varied numbers; (variants, numbers).
+        """Return (t, arrays) for many variants: the instants [s] and a dict of the outputs by name, (variants,
+        samples, ...). Return None if variants must be computed one by one. `numbers` are the values of the varied
+        numbers; shape (variants, numbers).
         """
         return None if self._payload_computer is None else self._payload_computer.compute(numbers)
 
     def _scene_of_variant(self, numbers: Float64Array) -> Scene | MechanismScene:
-        """Return a copy of the scene in which the varied numbers have the values `numbers`; shape (numbers,). Raise a
-        SceneError if that is no scene.
+        """Return a copy of the Scene or MechanismScene in which the varied numbers have the values `numbers`; shape
+        (numbers,). Raise a SceneError if these values give no scene.
         """
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
@@ -202,8 +189,8 @@ class VariantComputer:
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return a copy of the values of table [pair] with numbers in place of expressions, except under varied keys, and
-    without superfluous shapes of bodies.
+    """Return a dict of the values of the Table [pair] with numbers in place of expressions, except under varied keys,
+    and without the shapes of a body whose inertia is given. `keys` are the paths of the varied numbers.
 
     The shapes of a body whose inertia is in the table do not determine its masses; they are left out unless varied.
     """
@@ -220,7 +207,9 @@ def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | i
 
 
 def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
-    """Return whether the motion of a scene does not depend on the numbers under the varied keys."""
+    """Return whether the motion of a Scene or MechanismScene does not depend on the varied numbers, to which the
+    paths `keys` lead.
+    """
     if isinstance(scene, Scene):
         return scene.motion.simulated is None and all(steps[0] == "pair" for steps in keys)
     of_joints = all(
@@ -233,8 +222,8 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
 def _compute_pair_outputs(
     scene: Scene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return instants [s] and outputs by name of a pair's scene, forces included. None for `outputs` means all
-    outputs of the motion. Raise an error for an output that the scene does not have.
+    """Return (t, arrays) of a Scene: all its instants [s] and a dict of the outputs by name, forces included.
+    `outputs` None means all outputs of the motion. Raise an ArgumentError for an output that the scene does not have.
     """
     force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
     motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
@@ -260,5 +249,7 @@ def _compute_pair_outputs(
 def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return instants [s] and outputs by name of a robot's scene; None for `outputs` means all that the scene has."""
+    """Return (t, arrays) of a MechanismScene: all its instants [s] and a dict of the outputs by name. `outputs` None
+    means the outputs that the scene names, or else its default.
+    """
     return scene.t, scene.evaluate(outputs).requested_arrays()
