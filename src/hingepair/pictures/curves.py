@@ -49,8 +49,8 @@ class CurveCollector:
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append one piece of the motion to the curves of its arrays, attitudes as continuous Euler angles, thinned
-        to visible samples.
+        """Append one piece of the motion to the curves of its arrays, by name, thinned to the samples that are
+        visible among `num_instants` of the whole motion. Rotation matrices become Euler angles without jumps.
 
         Args:
             t: instants of the piece [s]; shape (N,).
@@ -88,7 +88,7 @@ def figure_class() -> type[Figure]:
 
 
 def finish_figure(figure: Figure, title: str) -> Figure:
-    """Set a figure's title, small tick labels, and a grid behind curves over time; return the figure."""
+    """Set a figure's title, small tick labels, and a grid behind curves over time; return the same figure."""
     figure.suptitle(title)
     for axes in figure.axes:
         axes.tick_params(labelsize=8)
@@ -99,7 +99,9 @@ def finish_figure(figure: Figure, title: str) -> Figure:
 
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
-    """Return Euler angles XYZ [rad] of attitudes without jumps between samples; NaN where one is not finite.
+    """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples; NaN for
+    a matrix that is not finite. `previous_angles`, shape (1, 3) or (0, 3), are those of the sample before, from which
+    the angles continue.
 
     Args:
         S: attitudes; shape (N, 3, 3).
@@ -119,7 +121,8 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
 
 
 def _envelope_rows(values: Array, interval_size: int) -> Array:
-    """Return the indices of samples through which a curve looks the same as through all samples.
+    """Return the increasing indices of the samples through which a curve looks the same as through all samples, shape
+    (N, components): of each interval of `interval_size` samples the ends and the extremes.
 
     These are the first and the last row of each interval, those with the smallest and the largest value of each
     component, and the first and the last with a value that is not finite.
@@ -151,7 +154,8 @@ def _envelope_rows(values: Array, interval_size: int) -> Array:
 def draw_side_by_side(
     figure_type: type[Figure], curves: Mapping[str, Curve], title_and_unit: Callable[[str], tuple[str, str]]
 ) -> Figure:
-    """Draw curves over time side by side, a panel for each, in a new figure; return the figure.
+    """Draw curves over time side by side, a panel for each, in a new figure of the class `figure_type`; return the
+    figure. `title_and_unit` is a function from a curve's name to its title and unit.
 
     Args:
         figure_type: matplotlib's class of figures.
@@ -170,7 +174,9 @@ def draw_side_by_side(
 
 
 def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
-    """Draw the components of a curve over time into Matplotlib axes, with a title and a unit."""
+    """Draw the components of a curve over time into Matplotlib axes, with a title, a unit and shaded gaps. Add a
+    legend to the figure if it has none and the curve has several components.
+    """
     t, values = curve
     shade_gaps(axes, t, values)
     axes.set(title=title, ylabel=unit, xlabel="t [s]")
@@ -186,7 +192,7 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
 
 
 def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
-    """Shade the times at which a value is not finite, in Matplotlib axes."""
+    """Shade the times t at which a row of `values` is not finite, in Matplotlib axes."""
     lost = ~np.isfinite(values.reshape(len(t), -1)).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
     for start, stop in edges.reshape(-1, 2):
@@ -196,7 +202,8 @@ def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
 def draw_paths(
     figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
-    """Draw paths in space into a cell of a figure's grid, at equal scales; in the plane if z is constant.
+    """Draw paths in space, arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is constant, in
+    the plane, at equal scales. `zoom` is the size of the drawing in its cell.
 
     Args:
         figure: the figure.

@@ -46,7 +46,8 @@ _LIMIT_TEXT_HEADROOM_TO_CURVE_RANGE: Final = 0.3
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
-    """Draw the motion of a mechanism, joint by joint, or the given outputs, in a new figure; return the figure.
+    """Draw the motion of a scene of a mechanism, or of its result, in a new figure: a row of panels for each joint,
+    and the paths of frames. `outputs` names the outputs to draw over time instead. Return the figure.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
@@ -78,14 +79,18 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
 
 
 def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, Array]:
-    """Return q, qd or tau of each joint that moves, by the joint's name; shape (N,) each."""
+    """Return a dict of the q, qd or tau, whichever `quantity` names, of each joint that moves in a piece of a result,
+    by the joint's name; shape (N,) each.
+    """
     array = getattr(piece, quantity)
     moving = piece.scene.joint_motion.moving
     return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
 
 
 def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
-    """Return the title of a panel and the unit of an output."""
+    """Return the title of a panel and the unit of the output called `name` of a scene, a tuple of texts. Attitudes
+    are drawn as Euler angles.
+    """
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"
     return name, scene.unit(name)
@@ -94,7 +99,10 @@ def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, st
 def _draw_joint_panels(
     figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
-    """Draw a row of panels for each joint or group, and one of the frames' paths, in a new figure; return it."""
+    """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
+    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure. `curves` holds the
+    curves by name.
+    """
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
     groups = _panel_groups(scene, joints)
     rows, columns = max(1, len(groups)), len(quantities)
@@ -133,7 +141,9 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Group moving joints that share a row of panels; return lists of only hinges or only sliders."""
+    """Return a list of groups of joints, each for one row of panels. A group has one joint, or, if the joints are
+    many, several hinges or several sliders.
+    """
     size = -(-len(joints) // _MAX_PANEL_ROWS)
     if size <= 1:
         return [[joint] for joint in joints]
@@ -143,8 +153,8 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
 
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
-    """Draw q, qd or tau of joints over time into Matplotlib axes, with limits. Limits far from the curve of a single
-    joint are written.
+    """Draw q, qd or tau, whichever `quantity` names, of joints over time into Matplotlib axes, with their limits as
+    lines. Limits far from the curve of a single joint are given as text. `curves` holds the curves by name.
     """
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
@@ -158,7 +168,9 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
 
 
 def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the lower and upper limit of a joint's q, qd or tau; infinite where there is none."""
+    """Return the lower and upper limit of a joint's q, qd or tau, whichever `quantity` names; infinite if there is
+    none.
+    """
     if quantity == "q":
         return joint.position_limits
     largest = joint.rate_limit if quantity == "qd" else joint.effort_limit
@@ -168,7 +180,9 @@ def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
 def _draw_limits(
     axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
 ) -> None:
-    """Draw limits near the curve's values as lines into Matplotlib axes; the others as text, if asked."""
+    """Draw the (lower, upper) limits that are near the curve's values as dashed lines into Matplotlib axes. With
+    `writes_far_limits`, the other finite limits are given as text.
+    """
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
     if not known or not finite.size:

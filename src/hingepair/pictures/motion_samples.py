@@ -31,7 +31,8 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 
 
 class ShownMotion(NamedTuple):
-    """Samples of a pair's motion, or of a piece of it: poses of both bodies, psi, and further outputs.
+    """Samples of a pair's motion, or of a piece of it: instants t, poses of both bodies by name (`bodies`), psi, and
+    further outputs by name. `samples` is the number of instants of the whole motion.
 
     Attributes:
         pair: the pair that moves.
@@ -60,7 +61,8 @@ class ShownMotion(NamedTuple):
 
 
 def spread_samples(source: object) -> ShownMotion:
-    """Return at most MAX_SPREAD_SAMPLES evenly spread samples of a motion, with the available rates of body 2.
+    """Return at most MAX_SPREAD_SAMPLES evenly spread samples of the motion of a scene or its result, a trajectory or
+    a pair, with the available rates of body 2. Raise an ArgumentError for any other source.
 
     Raises:
         ArgumentError: the source has no motion in space to show.
@@ -78,7 +80,9 @@ def spread_rows(count: int) -> Rows:
 
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
-    """Yield all samples of a motion, piece by piece.
+    """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, with the
+    outputs named in `outputs` or, if it is None, the rates of body 2. Raise an ArgumentError for another source or an
+    unknown output.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
@@ -105,14 +109,18 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples of a piece of a scene's result."""
+    """Return the samples of one piece of a scene's result, with the outputs named in `outputs`, or the rates of body
+    2 if it is None.
+    """
     arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
     return ShownMotion(scene.space, scene.title, scene.samples, piece.t, bodies, piece.known.psi, outputs_by_name)
 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples at some instants (`rows`) of a motion in memory, with the named outputs."""
+    """Return the samples of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
+    outputs named in `outputs`, or the rates of body 2 if it is None. Raise an ArgumentError for an unknown output.
+    """
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
@@ -125,7 +133,10 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return the motion of a trajectory; of a pair, one that turns the hinge to its limits and back in 6 s."""
+    """Return t, the pair, the motion of body 1, psi and further recorded arrays of a trajectory. A pair gives a
+    motion that turns the hinge through its limits, or through a whole turn, in 6 s. Raise an ArgumentError for
+    another source.
+    """
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded

@@ -46,17 +46,20 @@ def view(
     t: ArrayLike | None = None,
     base_motion: BodyMotion | None = None,
 ) -> Page:
-    """Return an HTML page on which a pair or a robot moves, with a slider for each joint; write it to a given path.
+    """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint;
+    write it to the file `path` if given. q and t are the motion of a robot, and `base_motion` that of its base. Raise
+    an ArgumentError for arguments that cannot be used.
 
-    Bodies are drawn by the boxes, cylinders and spheres of a URDF or of a pair. Any other body has simple shapes:
-    rods from joint to joint, a drum at a hinge, a prism at a slider. A motion has a slider of time, and the paths of
-    the frames that are shown.
+    Bodies are drawn as the boxes, cylinders and spheres that the URDF or the pair gives them. Any other body has
+    simple shapes: rods from joint to joint, a drum at a hinge, a prism at a slider. A motion has a slider of time,
+    and the paths of the frames that are shown.
 
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns
             through its limits (through a whole turn if it has none).
         path: file to write the page to, ending in .html; by default no file is written.
-        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with these columns.
+        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with a
+            column for each of these names.
         t: instants of q [s]; shape (T,), not decreasing; by default 30 per second.
         base_motion: position and attitude of a robot's base (R and S) at one instant, or at the T instants of q; by
             default the base rests at the origin.
@@ -91,7 +94,9 @@ def view(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
-    """A page that shows a pair or a robot, as the text of one HTML file that needs no other file and no network.
+    """A page that shows a pair or a robot, as the text of one HTML file (`html`) that needs no other file and no
+    network. `frames` is the number of instants on the page, `samples` that of the motion, and `joints` that of the
+    sliders.
 
     Attributes:
         title: title of the motion.
@@ -116,7 +121,8 @@ class Page:
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the page to a .html file, which must be none of `inputs`; return its path.
+        """Write the page to the file `path`, which ends in .html and must be none of `inputs`, the files that are
+        being read; return its path. Raise an ArgumentError if it cannot be written.
 
         Args:
             path: file to write; ends in .html.
@@ -144,7 +150,8 @@ def _shown_count(count: int, samples: int) -> str:
 
 
 class _PageMotion(NamedTuple):
-    """The motion on a page: base poses and coordinates at instants; without a motion there are no instants.
+    """The motion on a page: instants t, base poses R and S, coordinates q, and displayed outputs by name
+    (`readings`). Without a motion, t is empty. `samples` is the number of instants of the whole motion.
 
     Attributes:
         t: instants [s]; shape (N,).
@@ -164,7 +171,9 @@ class _PageMotion(NamedTuple):
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
-    """Return the page model and the motion of a pair, a scene of a pair, or a trajectory."""
+    """Return the page model and at most MAX_SPREAD_SAMPLES samples of the motion of a pair, a scene of a pair, or a
+    trajectory, a tuple.
+    """
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
     shown = {"psi": psi} | {name: readings[name] for name in _DISPLAYED_OUTPUT_NAMES if name in readings}
@@ -173,7 +182,9 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
 
 
 def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
-    """Return the page model and the motion of the scene of a mechanism."""
+    """Return the page model of the scene of a mechanism, and at most MAX_SPREAD_SAMPLES samples of its motion, as a
+    tuple of the two.
+    """
     robot, rows = scene.mechanism, scene.spread(MAX_SPREAD_SAMPLES)
     known = scene.known(rows, 0)
     t, q = np.asarray(scene.instants[rows]), known.array(0)
@@ -185,7 +196,9 @@ def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
 def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
 ) -> _PageMotion:
-    """Check the arguments q, t and base_motion of `view`; return them as at most MAX_SPREAD_SAMPLES samples."""
+    """Check the arguments q, t and base_motion of `view`, each of which may be None; return them as at most
+    MAX_SPREAD_SAMPLES samples. Raise an ArgumentError if one cannot be used.
+    """
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
@@ -208,7 +221,9 @@ def _read_robot_motion(
 
 
 def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
-    """Check the motion of a base, and return R, shape (1 or count, 3) [m], and S, shape (1 or count, 3, 3)."""
+    """Check the motion of a base, a BodyMotion or None for rest at the origin, at one or `count` instants. Return R,
+    shape (1 or count, 3) [m], and S, shape (1 or count, 3, 3), or raise an ArgumentError.
+    """
     if base_motion is None:
         return np.zeros((1, 3)), np.eye(3)[None]
     if not isinstance(base_motion, BodyMotion):

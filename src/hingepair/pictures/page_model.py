@@ -34,7 +34,9 @@ _JOINT_CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#cca
 
 
 class DrawnBody(NamedTuple):
-    """A body on a page: its name, its colour (#rrggbb), and pairs (colour, shape) in the body's axes."""
+    """A body on a page: its name, its colour (#rrggbb), and a list of pairs (colour, shape), with the shapes in the
+    body's axes.
+    """
 
     name: str
     colour: str
@@ -42,7 +44,8 @@ class DrawnBody(NamedTuple):
 
 
 class PageModel(NamedTuple):
-    """The bodies, joints and frames of a page; body 0 is the base, body k >= 1 is moved by joint k.
+    """What a page draws and moves: bodies, joints and frames, with colours and lengths. Body 0 is the base, and joint
+    k moves body k. `frame` is the frame shown first.
 
     Attributes:
         title: title of the page.
@@ -76,7 +79,9 @@ class PageModel(NamedTuple):
 
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
-    """Return the page model of a pair: a mechanism of one joint, whose base is body 1."""
+    """Return the page model of a pair as a mechanism of one joint. Its base is body 1, and `title` is the page's
+    title; the paths of both bodies and of the hinge are always drawn.
+    """
     one, two = drawn_shapes(pair)
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
     limits = pair.limits or (-math.inf, math.inf)
@@ -112,7 +117,8 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
 
 
 def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageModel:
-    """Return the page model of a robot: the shapes of its URDF or of its pairs, or else simple shapes.
+    """Return the page model of a robot, with the shapes of its URDF or its pairs, or else simple shapes. `frame`
+    names the frame shown first; None stands for the last link of the longest chain.
 
     Args:
         robot: the robot.
@@ -150,7 +156,8 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
 
 
 def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return a page model as a dictionary for JSON; its sliders reach all of the given positions.
+    """Return a page model as a dictionary for JSON. The ranges of its sliders include `positions`, the coordinates of
+    a motion, shape (N, dof).
 
     Args:
         model: the page model.
@@ -197,14 +204,17 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
 
 
 def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[float] | None]:
-    """Return 4 x 4 pose matrices as lists of 16 numbers, row by row, for JSON; None where one is not finite."""
+    """Return a list of the 4 x 4 pose matrices of positions R, shape (N, 3), and rotations S, shape (N, 3, 3), each
+    as 16 numbers row by row, for JSON; None for a pose that is not finite.
+    """
     matrices = np.zeros((len(R), 4, 4))
     matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = S, R, 1.0
     return [m if np.isfinite(m).all() else None for m in matrices.reshape(-1, 16).tolist()]
 
 
 def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return the slider of a joint's coordinate as a dictionary for JSON: limits, range, and neutral position.
+    """Return the slider of a joint as a dictionary for JSON: limits, range and neutral position, and the index of its
+    chain. The range includes the positions of the motion; its default depends on the robot's size [m].
 
     The range of the slider includes all positions of a motion.
     """
@@ -220,7 +230,9 @@ def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.
 
 
 def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBody | None) -> list[tuple[str, Shape]]:
-    """Return pairs (colour, shape) of a body: its own shapes, then those of a simple body unless it is None."""
+    """Return a list of pairs (colour, shape) of a body: its own shapes, then those of a simple body unless it is
+    None. Joints of the simple body have their own colour.
+    """
     drawn = [(colour, shape) for shape in shapes]
     if simple_body is not None:
         drawn += [(colour, shape) for shape in simple_body.links]
@@ -229,7 +241,9 @@ def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBo
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return the unbranched chains of joints as pairs: the chain's name, and the numbers of its joints, from 1."""
+    """Return a list of the unbranched chains of a robot's joints, each a pair of the chain's name and a list of the
+    numbers of its joints, from 1.
+    """
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1
@@ -253,7 +267,9 @@ def _chain_name(names: Sequence[str]) -> str:
 
 
 def _last_link(tree: Tree) -> str:
-    """Return the name of the tip link behind the largest number of joints, the first one of several."""
+    """Return the name of the tip link of a robot that is behind the largest number of joints, the first one of
+    several.
+    """
     depths = [0]
     for joint in tree.joints:
         depths.append(depths[joint.parent] + 1)
@@ -267,7 +283,9 @@ def _lighten(colour: str, share: float) -> str:
 
 
 def _shape_json(shape: Shape) -> dict[str, Any]:
-    """Return a shape as a dictionary for JSON; the axis of a cylinder in three.js is the y axis."""
+    """Return a box, sphere or cylinder as a dictionary for JSON: kind, dimensions and placement. A cylinder's
+    placement turns the y axis, which is its axis in three.js, into the shape's axis.
+    """
     turn = np.eye(3)
     values: dict[str, Any] = {"kind": type(shape).__name__.lower()}
     if isinstance(shape, Box):

@@ -51,12 +51,14 @@ def plot(
     source: MotionSource | MechanismScene | MechanismSceneResult | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
 ) -> Figure:
-    """Return a figure of a motion: position, attitude, their rates and psi over time, paths, and the residual of E1.
+    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`):
+    position, attitude, their rates and psi over time, the paths in space, and the residual of E1. `outputs` names the
+    outputs to draw over time instead; nothing is written.
 
     For a scene of a mechanism, the figure shows position, rate and torque of each joint that moves, with its limits
-    (limits far from the curve are written), and the paths of the scene's frames. Every sample counts: for more than
-    4,000 samples, the curves go through the extremes of 2,000 intervals, so that fast oscillations fill a band and
-    short spikes stay visible.
+    (limits far from the curve are given as text), and the paths of the scene's frames. Every sample counts: for more
+    than 4,000 samples, the curves go through the extremes of 2,000 intervals, so that fast oscillations fill a band
+    and short spikes stay visible.
 
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair, which then turns through its
@@ -92,7 +94,9 @@ def plot(
 
 
 def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
-    """Collect the curves of a motion's quantities; return the title of the figure and the curves by name."""
+    """Collect the curves of the outputs named in `outputs`, or of all quantities of a whole figure if it is None.
+    Return a tuple of the figure's title and a dict of curves by name.
+    """
     title, collector = "", CurveCollector()
     for samples in sample_pieces(source, outputs):
         title = samples.title
@@ -105,7 +109,9 @@ def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tupl
 
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
-    """Return the quantities of a whole figure by name: R2, S2, rates, psi, the paths, and the residual of E1."""
+    """Return a dict of the arrays of a whole figure by name, computed from samples of a pair's motion: R2, S2, rates,
+    psi, the paths, and the residual of E1 beside its rounding error.
+    """
     pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
     with np.errstate(invalid="ignore"):
@@ -122,7 +128,9 @@ def _title_and_unit(name: str) -> tuple[str, str]:
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
-    """Draw the curves of a pair's motion, its paths and the residual of E1 in a new figure; return the figure."""
+    """Draw the curves of a pair's motion, given by name, its paths in space and the residual of E1 in a new figure of
+    the class `figure_type`; return the figure.
+    """
     columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUTS_BY_PANEL_ROW))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
@@ -146,7 +154,9 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
 
 
 def _draw_residual(axes: Axes, curve: Curve) -> None:
-    """Draw the residual of E1 [m] into Matplotlib axes, and the bound on the rounding of its terms."""
+    """Draw the residual of E1 [m] and a bound on its rounding error over time into Matplotlib axes, on a logarithmic
+    scale. The curve's two components are the residual and the rounding error.
+    """
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"
     axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)

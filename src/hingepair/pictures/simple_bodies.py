@@ -21,7 +21,8 @@ _MIN_ROD_LENGTH_TO_ROBOT_SIZE: Final = 1e-3  # length of a rod over the robot's 
 
 
 class SimpleBody(NamedTuple):
-    """Simple shapes that are drawn for a body without a drawing, in the body's axes.
+    """Simple shapes that are drawn for a body without a drawing, in the body's axes: `links` are rods, spheres and
+    blocks, `joints` are drums of hinges and rails of sliders.
 
     Attributes:
         links: rods and the blocks of sliders.
@@ -33,7 +34,9 @@ class SimpleBody(NamedTuple):
 
 
 def robot_size(tree: Tree) -> float:
-    """Return the length of the longest chain of joints and links from the base [m]; 1 if it cannot be drawn."""
+    """Return the length of the longest chain of joints and links of a robot from its base [m]; 1 if that length is
+    too small or too large to be drawn.
+    """
     lengths = [0.0]
     for joint in tree.joints:
         shifts = [abs(limit) for limit in drawn_limits(joint) if joint.kind == "slider" and math.isfinite(limit)]
@@ -45,7 +48,7 @@ def robot_size(tree: Tree) -> float:
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
-    """Return the lower and upper position limit of a joint [rad or m]; infinite where it is missing or huge."""
+    """Return the lower and upper position limit of a joint [rad or m]; infinite if it is missing or huge."""
     lower, upper = joint.position_limits
     return (
         lower if lower > -_MAX_DRAWN_POSITION_LIMIT else -math.inf,
@@ -54,7 +57,8 @@ def drawn_limits(joint: Joint) -> tuple[float, float]:
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the range of a joint's slider on a page [rad or m]: its limits, or a default where one is missing.
+    """Return the lower and upper end of the range of a joint on its page's slider [rad or m]: its limits, or defaults
+    for missing ones. For a sliding joint, the default depends on the robot's size [m].
 
     Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
     around 0. With one limit, the range has the same width.
@@ -67,7 +71,8 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return simple shapes (rods, drums, prisms) for each body of a robot of a given size [m], the base first.
+    """Return a list of the simple shapes (rods, drums, prisms) of each body of a robot, the base first. `size` is the
+    length of the robot [m], to which thicknesses are proportional.
 
     Args:
         tree: the robot.
@@ -111,7 +116,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
 
 
 def axes_along(axis: Any) -> Float64Array:
-    """Return a rotation matrix whose third column is a unit axis."""
+    """Return a rotation matrix whose third column is the given unit axis; shape (3, 3)."""
     direction: Float64Array = np.asarray(axis, dtype=np.float64)
     across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     across /= np.linalg.norm(across)
@@ -119,7 +124,8 @@ def axes_along(axis: Any) -> Float64Array:
 
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return the ends of the rods of a body without joints behind it [m].
+    """Return a list of the ends of the rods of a body that carries no joints, in its axes [m]; empty if they are too
+    near. `size` is the length of the robot [m].
 
     They are its tip links or, if these are too near, the point twice as far as its centre of mass.
     """
@@ -147,7 +153,9 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a cylinder from the reference point to `end`, and a sphere there; nothing if it is too short."""
+    """Return a cylinder of the given radius from the reference point to `end`, and a sphere there; an empty tuple if
+    the cylinder is too short for the robot's size [m].
+    """
     length = math.hypot(*end)
     if length <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size:
         return ()

@@ -29,7 +29,9 @@ _SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")  # that can be dr
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
-    """Draw a smoothed motion or angle over time, with bands of two standard deviations; return the figure.
+    """Draw the result of `smooth`, a motion or an angle, over time in a new figure, with bands of two standard
+    deviations; return the figure. `outputs` names what is drawn, such as R or psid; by default everything. Raise an
+    ArgumentError for an unknown name.
 
     Args:
         source: the result of `smooth`.
@@ -57,7 +59,9 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
 
 
 def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Float64Array, std: Float64Array) -> None:
-    """Draw bands around a curve's components into Matplotlib axes; `std` is given at `instants`, shape (N, k)."""
+    """Draw bands of two standard deviations around the components of a curve, `values` of shape (N, k) at times t,
+    into Matplotlib axes. `std` holds the standard deviations at `instants`, shape (M, k), and is interpolated to t.
+    """
     colours = COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
         half = _BAND_HALF_WIDTH_STDS * np.interp(t, instants, deviations)

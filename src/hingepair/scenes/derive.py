@@ -31,7 +31,8 @@ def derive(
     frame: str | None = None,
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions: a Derivation with the equations E1-E11 of a scene's motion or of a
-    pair, or the FrameForms of a robot's frame. Raise an ArgumentError for arguments that cannot be used.
+    pair, or the FrameForms of the frame of a robot that `frame` names. `symbolic` names constants that stay symbols.
+    Raise an ArgumentError for arguments that cannot be used.
 
     The coordinates of a bare HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). Those of a PlanarPair are x(t), y(t), phi(t), psi(t). A Scene has the expressions of its
