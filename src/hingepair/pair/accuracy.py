@@ -28,8 +28,9 @@ from hingepair.plans.plan import MotionKind, Plan
 
 
 class PromisedBound(NamedTuple):
-    """Bound on the rounding error of one output that the library promises, in units of u * scale. It also holds the
-    largest error that searches found, and the formula of the scale as text.
+    """Promised bound on the rounding error of one output, as a named tuple (proved, seen, scale). No error is larger
+    than `proved`, in units of u * scale; `seen` is the largest error that any search has met, in these units; `scale`
+    is the formula of the scale as text.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all
@@ -126,8 +127,10 @@ def output_scales(
     psidd: ArrayLike | None = None,
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
-    """Return a dict of the scales that rounding errors are relative to, at each sample, by output name (the formulas
-    of `PROMISED_BOUND_BY_OUTPUT`). Outputs whose scale needs an argument that is not given are absent.
+    """Return the scales that the rounding errors of outputs are relative to, as a dict of arrays (...,) by output
+    name (the formulas of `PROMISED_BOUND_BY_OUTPUT`). u1, u2, R1, v1 and a1 are vectors; W1 and A1 are the sizes of
+    body 1's angular velocity and acceleration. Outputs whose scale needs an argument that is not given are absent.
+    `pinocchio` enlarges the scales of alpha2 and a2 for a comparison with Pinocchio.
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -165,9 +168,9 @@ def output_scales(
 def _scale_formulas(
     U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
 ) -> Any:
-    """Return a dict of the scales by output name, computed from the sizes of the vectors; a scale that needs a size
-    which is None is None. W and A are the sizes of the hinge rate and acceleration. `pinocchio` adds
-    `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT`.
+    """Return a dict of the scales by output name, computed from sizes; a scale that needs a size which is None is
+    None. U1, U2, R1, V1 and a1 are sizes of vectors; W1, A1, W and A are the sizes of body 1's angular velocity and
+    acceleration and of the hinge's. `pinocchio` adds `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT`.
     """
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
@@ -194,8 +197,10 @@ def _scale_formulas(
 def error_ratios(
     output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
-    """Return (error, ratio) of an output at each sample: the largest absolute error of its components, and this error
-    divided by u * scale. Both are NaN where the expected value or the scale is not finite.
+    """Return (error, ratio) of an output at each sample, two arrays (...,). `error` is the largest absolute
+    difference between the components of the arrays `got` and `expected`, and `ratio` is error / (u * scale), where u
+    is the unit roundoff of `dtype`. Both are NaN where the expected value or the scale is not finite. `output` is the
+    name of the output.
 
     Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
     ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
@@ -225,7 +230,8 @@ def error_ratios(
 
 
 def norm(vector: ArrayLike) -> Float64Array:
-    """Return the Euclidean norm over the last axis, without overflow or underflow on the way; shape (...,).
+    """Return the Euclidean norms of vectors over the last axis of an array, shape (...,), without overflow or
+    underflow on the way.
 
     >>> f"{norm((3e200, 4e200, 0.0)):.6g}"
     '5e+200'
@@ -261,7 +267,9 @@ def error_bounds(
     kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
     """Compute bounds on the rounding errors of the outputs of forward_kinematics for coordinates q, qd and qdd.
-    Return a dict of arrays of shape (...,) by output name; raise ArgumentError for unusable arguments.
+    Return a dict of arrays of shape (...,) by output name. `kind` says whether the motion is spatial or planar,
+    `pair` are the Constants of the pair, and `sequence` is the Euler sequence (None for a planar pair). Raise
+    ArgumentError for unusable arguments.
     """
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
     return _plan_error_bounds(pair, plan, coordinates.parts, coordinates.shapes)
@@ -270,8 +278,9 @@ def error_bounds(
 def error_bounds_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
 ) -> Bounds:
-    """Compute bounds on the rounding errors of the outputs of forward_kinematics_from_body1. Return a dict of arrays
-    of shape (...,) by output name; raise ArgumentError for unusable arguments.
+    """Compute bounds on the rounding errors of the outputs of forward_kinematics_from_body1, for the Constants of a
+    pair, the BodyMotion of body 1 and the hinge angle with its derivatives. Return a dict of arrays of shape (...,)
+    by output name. Raise ArgumentError for unusable arguments.
     """
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
     arrays = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
@@ -282,7 +291,8 @@ def _plan_error_bounds(
     pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
 ) -> Bounds:
     """Return bounds on the rounding errors of the outputs of a plan, as a dict of arrays of shape (...,) by output
-    name. `values` are the inputs of the plan by name, `shapes` the shapes of their samples.
+    name. `pair` are the Constants of the pair, `values` the other inputs of the plan by name, and `shapes` the shapes
+    of their samples.
     """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
@@ -292,8 +302,8 @@ def _plan_error_bounds(
     }
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on numbers that carry error bounds, and return the largest bound of each output's components
-        by output name.
+        """Run the plan on inputs by name, given as components, with error bounds attached. Return the largest error
+        bound among the components of each output, by output name.
         """
         bounded = {
             name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
@@ -312,8 +322,9 @@ def _plan_error_bounds(
 
 
 def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
-    """Return a quantity in the form that the equations take: scalars as they are, arrays of vectors or matrices as a
-    tuple of their components.
+    """Return a quantity in the form that the equations take. An array of vectors or matrices, whose last axes have
+    the shape `sample_shape`, becomes a flat tuple of its components; a scalar, an array of scalars or a tuple is
+    returned as it is.
     """
     if not isinstance(quantity, np.ndarray) or sample_shape == ():
         return quantity
@@ -323,9 +334,10 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
 
 
 def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]) -> Any:
-    """Return one input of a plan as a number that carries an error bound, or as a tuple of such numbers. The bound
-    covers the rounding to the precision of `number_type`, and it is larger if the input was computed from the
-    `numbers` that `source_names` names.
+    """Return one input of a plan, a component or a tuple of components, with an error bound on each: as one instance
+    of the class `number_type` or a tuple of them. The bound covers the rounding to the precision of `number_type`. A
+    tuple that was computed from other inputs has a larger bound: `source_names` are their names, and `numbers` holds
+    them by name.
     """
     if not isinstance(quantity, tuple):
         return number_type.rounded(quantity)
@@ -341,8 +353,8 @@ def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named
 
 
 def _largest(quantity: Any) -> Any:
-    """Return the largest error bound of a number or of a tuple of numbers. A plain number counts as exact: its bound
-    is 0.
+    """Return the largest error bound of a number or of a tuple of numbers, at every sample. A plain number counts as
+    exact: its bound is 0.
     """
     errors = [
         c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))

@@ -39,7 +39,7 @@ class DynamicsWarning(UserWarning):
 
 
 def warn_of_dynamics(message: str) -> None:
-    """Issue a DynamicsWarning with a message. The warning shows the line of code that called the package."""
+    """Issue a DynamicsWarning with the text `message`. The warning shows the line of code that called the package."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
         frame, level = frame.f_back, level + 1
@@ -59,8 +59,8 @@ class Box(Frozen):
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
-        RotationError: axes is not a rotation matrix to within 1e-9: an element of axes axes^T differs from that of
-            the identity by more than 2e-9, or the determinant is negative.
+        RotationError: axes is not a rotation matrix to within 1e-9: with A = axes, an element of A A^T differs from
+            that of the identity by more than 2e-9, or the determinant of A is negative.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -229,7 +229,8 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Messages about the mass and the inertia that were not given and for which dynamics uses a default.
+        """Sentences, as a tuple, that say which of mass and inertia was not given and which default the methods of
+        dynamics use instead.
 
         A tuple of str; empty if there are none.
         """
@@ -249,8 +250,9 @@ class Body(Frozen):
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centre of mass [m] of shapes that have the same density, and their inertia about it per kilogram
-    [m^2], a matrix. Without shapes, return the reference point and the default inertia.
+    """Return (centre, inertia) of a tuple of shapes that have the same density: the centre of mass [m], shape (3,),
+    and the inertia about it divided by the mass [m^2], shape (3, 3). Without shapes, return zeros and the default
+    inertia.
     """
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
@@ -263,8 +265,8 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Return the volume of a shape [m^3], and the (3, 3) mean of x x^T over the shape [m^2], where x is the vector
-    from its centre in body axes.
+    """Return (volume, moments) of a Box, Cylinder or Sphere: its volume [m^3], and the (3, 3) mean of x x^T over its
+    interior [m^2], where x is the vector from its centre in body axes.
     """
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
@@ -276,8 +278,8 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
 
 
 def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
-    """Return an inertia as a matrix of shape (3, 3); three principal moments become a diagonal matrix. Raise an error
-    for other shapes and for numbers that are not finite.
+    """Return the argument `inertia` as a matrix of shape (3, 3); an argument of three moments becomes a diagonal
+    matrix. Raise ShapeError for other shapes and ArgumentError for numbers that are not finite.
     """
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
@@ -285,8 +287,9 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia, made exactly symmetric, as a read-only array. Raise ArgumentError if no rigid body can have
-    it. Issue a DynamicsWarning if one principal moment exceeds the sum of the others by little, as rounding explains.
+    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. Raise ArgumentError if no rigid
+    body can have this inertia. Issue a DynamicsWarning if the largest principal moment exceeds the sum of the other
+    two by little, as rounding explains.
 
     Raises:
         ArgumentError: no rigid body can have it.
@@ -315,7 +318,9 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _positive_number(name: str, value: object) -> float:
-    """Return a value as a float; raise ArgumentError unless it is a finite number above 0."""
+    """Return a value as a float. Raise ArgumentError, which names the argument `name`, unless it is a finite number
+    above 0.
+    """
     number = finite_number(name, value)
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)

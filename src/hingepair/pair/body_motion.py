@@ -93,8 +93,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions, scalar last (Pinocchio, SciPy, ROS).
-        Quaternions of any length are normalized; raise RotationError for a zero one.
+        """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last (Pinocchio, SciPy,
+        ROS). Quaternions of any length are normalized; raise RotationError for a zero one. The other arguments are
+        those of BodyMotion.
 
         Each element of S has an error of at most 6 u, where u = 2^-53.
 
@@ -130,8 +131,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions, scalar first (MuJoCo). Quaternions of any
-        length are normalized; raise RotationError for a zero one.
+        """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first (MuJoCo). Quaternions
+        of any length are normalized; raise RotationError for a zero one. The other arguments are those of BodyMotion.
 
         Each element of S has an error of at most 6 u, where u = 2^-53.
 
@@ -167,7 +168,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as rotation vectors (unit axis times angle).
+        """Return a BodyMotion whose attitude is given as rotation vectors `rotvec` (unit axis times angle) [rad]. The
+        other arguments are those of BodyMotion.
 
         Each element of S has an error of at most 6 u, where u = 2^-53, for angles up to 1e15.
 
@@ -189,8 +191,8 @@ class BodyMotion(Frozen):
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion with the arrays R, S, v, omega, a and alpha, without a check that S holds rotation
-    matrices. Raise ShapeError or DtypeError for an unusable array.
+    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. It is not
+    checked that S holds rotation matrices. Raise ShapeError or DtypeError for an unusable array.
 
     The keyword arguments are those of `BodyMotion`.
 
@@ -203,8 +205,9 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
 
 
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
-    """Set the attributes R, S, v, omega, a and alpha of a BodyMotion to read-only views of arrays, and its `shape` to
-    their common leading shape. Raise ShapeError or DtypeError for an unusable array.
+    """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place to read-only views of the
+    `arrays` by name, or None, and its `shape` to their common leading shape. Raise ShapeError or DtypeError for an
+    unusable array.
     """
     shapes = {}
     for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
@@ -217,8 +220,9 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return a read-only view of a NumPy array, or an array of another library as it is. Raise ShapeError if its last
-    axes are not `sample_shape`.
+    """Return a value as an array of a motion: a read-only view for NumPy, lists and tables; an array of another
+    library, or a Dask array, as it is. Raise ShapeError, which names the argument `name`, if its last axes do not
+    have the shape that the further arguments give, such as 3, 3.
     """
     if not is_foreign(value) and not holds_dask(value):
         try:
@@ -232,8 +236,9 @@ def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return a dict of the arrays of a BodyMotion that `letters` name, as NumPy arrays: R of the argument "body1" has
-    the key R1. Raise ArgumentError if the body is not a BodyMotion, an array is missing, or one is a Dask array.
+    """Return a dict of arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the letters of the
+    arrays, such as "S"; `name` is "body1" or "body2", and its digit is appended to the letter, so that a key is S1.
+    Raise ArgumentError if the body is not a BodyMotion, or an array is missing or is a Dask array.
 
     Raises:
         ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array; the error names it.

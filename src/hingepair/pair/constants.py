@@ -46,8 +46,9 @@ class Constants:
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """Return the Constants of a pair with the given geometry. Raise ArgumentError for an unusable argument, AxisError
-    for a zero axis, RotationError if home is not a rotation.
+    """Return the Constants of a pair: u1 and u2 are the vectors to the hinge point in the axes of body 1 and of body
+    2, n is the hinge axis, and home the rotation matrix of body 2 at psi = 0 or None. Raise ArgumentError for an
+    unusable argument, AxisError for a zero axis, RotationError if home is not a rotation.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -73,8 +74,9 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return tuples of components by name: the axis n at unit length, and the vectors lever_fixed, lever_cos and
-    lever_sin in body-1 axes [m], for which d = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin).
+    """Return a dict of tuples of components: the axis n at unit length, and the vectors lever_fixed, lever_cos and
+    lever_sin in body-1 axes [m], for which d = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin). `values`
+    holds u1, u2 and, if it is not the identity, home by name as components; `axis` is the hinge axis of any length.
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -114,8 +116,8 @@ HINGE_FRAME_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 
 
 def with_hinge_frames(pair: Constants) -> Constants:
-    """Return the constants of a pair, extended by orthogonal unit vectors e1, e2 and n of its hinge in the axes of
-    body 1 and of body 2. The result is cached in `pair.prepared`.
+    """Return the Constants of a pair, extended by orthogonal unit vectors e1, e2 and n of its hinge in the axes of
+    body 1 and of body 2. The argument is unchanged except that the result is cached in `pair.prepared`.
 
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
@@ -129,8 +131,9 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
-    """Return the unit vectors e1, e2 and n by name in the axes of body 1, and in those of body 2 as e1_in_2, e2_in_2
-    and n_in_2. e1 and e2 are perpendicular to n; each vector is a tuple of components.
+    """Return a dict of orthogonal unit vectors as tuples of components: e1, e2 and n in the axes of body 1, and
+    e1_in_2, e2_in_2 and n_in_2 in those of body 2. `n` is the unit hinge axis (..., 3), `home` the attitude of body 2
+    at psi = 0 as an array (..., 9), or None for the identity.
     """
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
@@ -155,7 +158,8 @@ def check_pair(pair: object) -> None:
 
 
 def check_single_pair(pair: Any, where: str = "") -> None:
-    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair: its geometry has leading axes.
+    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, its geometry has leading axes.
+    The text `where` follows "one pair" in the message.
 
     Args:
         pair: a HingePair or a PlanarPair.

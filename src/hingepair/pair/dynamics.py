@@ -45,8 +45,8 @@ MIN_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
 
 
 def _one_line_repr(self: Any) -> str:
-    """Return the fields of a named tuple of arrays as text in one line: each by name with its numbers, or with its
-    shape if it has more than nine.
+    """Return the `repr` of a named tuple of arrays as text in one line: each field by name with its numbers, or with
+    its shape if it has more than nine.
     """
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
     parts = (
@@ -56,7 +56,8 @@ def _one_line_repr(self: Any) -> str:
 
 
 class Forces(NamedTuple):
-    """Forces and torques that a motion of the pair requires (D5).
+    """Forces and torques that a motion of the pair requires (D5): force1 and torque1 on body 1 at its reference
+    point, and hinge_torque about the hinge axis. A named tuple of arrays.
 
     Attributes:
         force1: force that must act on body 1 at R1, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
@@ -75,7 +76,8 @@ class Forces(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of a pair that forces and torques cause (D6).
+    """Accelerations of a pair that forces and torques cause (D6): a1 and alpha1 of body 1, and psidd of the hinge
+    angle. A named tuple of arrays.
 
     Attributes:
         a1: acceleration of body 1's reference point, the second time derivative of R1, world axes [m/s^2]; shape
@@ -93,7 +95,8 @@ class Accelerations(NamedTuple):
 
 
 class HingeWrench(NamedTuple):
-    """Wrench that body 1 exerts on body 2 at the hinge point (D3, D4).
+    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), a named tuple of arrays.
+    `hinge_torque` is the component of `torque` along the hinge axis, `bearing_torque` the part perpendicular to it.
 
     Attributes:
         force: force at the hinge point, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
@@ -114,7 +117,7 @@ class HingeWrench(NamedTuple):
 
 
 class Energy(NamedTuple):
-    """Kinetic and potential energy of the pair (D7).
+    """Energies of the pair, as a named tuple of arrays: `kinetic` and `potential` energy of both bodies (D7).
 
     Attributes:
         kinetic: kinetic energy of both bodies [J]; shape (...,).
@@ -129,7 +132,7 @@ class Energy(NamedTuple):
 
 
 class Momentum(NamedTuple):
-    """Linear and angular momentum of the pair (D8).
+    """Momentum of the pair, as a named tuple of arrays: `linear`, and `angular` about the world's origin (D8).
 
     Attributes:
         linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3), or (..., 2) for a planar pair.
@@ -145,10 +148,11 @@ class Momentum(NamedTuple):
 
 
 def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
-    """Return a dict of the masses, centres of mass and inertias of the bodies, with the keys m1, c1, I1, m2, c2 and
-    I2. Issue a DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None.
+    """Return a dict of the masses, centres of mass and inertias of Bodies by the names "body1" and "body2", with the
+    keys m1, c1, I1, m2, c2 and I2. Issue a DynamicsWarning for each assumed value. Raise ArgumentError for a body
+    that is None; if it is body1, the message includes `hint_without_body1`.
 
-    `hint_without_body1` is added to the message if body 1 is None; it says what to call instead.
+    The hint says what to call instead.
 
     Raises:
         ArgumentError: a body has no mass properties; names it.
@@ -174,8 +178,9 @@ def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
 def with_loads_and_masses(
     constants: Constants, bodies: Bodies, gravity: ArrayLike, needed_names: Iterable[str]
 ) -> Constants:
-    """Return the constants of a pair, extended by gravity, loads of zero, and the mass properties that are among
-    `needed_names` (m1, c1, I1, ...). Raise ArgumentError if a body that is needed has no mass properties.
+    """Return new Constants of a pair, extended by gravity, by loads of zero, and by the mass properties of each body
+    of which `needed_names` contains one (m1, c1, I1, ...). `bodies` is (body1, body2), each a Body or None. Issue a
+    DynamicsWarning for each assumed value; raise ArgumentError if a needed body is None.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
@@ -196,8 +201,9 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicsQuantity:
-    """Description of a quantity of dynamics: the names of its outputs, the arrays of body 1's motion and the bodies'
-    masses that it needs, and a hint for the error message if body 1 has no mass.
+    """Description of a quantity of dynamics for `compute_quantity`. `outputs` are the names of its outputs, `letters`
+    name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose masses it needs, and
+    `without_body1` is a hint for the error message if body 1 has no mass.
     """
 
     outputs: tuple[str, ...]
@@ -233,10 +239,10 @@ def compute_quantity(
     gravity: ArrayLike = GRAVITY,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """Compute the outputs of a DynamicsQuantity at all samples, and return them as arrays in the order of
-    `quantity.outputs`. `given` holds psi, psid, psidd and loads by name. The compiled call is cached in
-    `constants.prepared`. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for
-    assumed masses.
+    """Compute the outputs of a DynamicsQuantity at all samples, and return them as writable arrays in the order of
+    `quantity.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid, psidd and
+    loads are keyword arguments. The compiled call is cached in `constants.prepared`. Raise ArgumentError for unusable
+    arguments and missing masses; issue a DynamicsWarning for assumed masses.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -271,9 +277,9 @@ def compute_quantity(
 
 
 def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the constants of a pair, extended by the mass properties of its bodies; a body 1 that is not needed may
-    have none. The result is cached in `constants.prepared`. Raise ArgumentError if a needed body has no mass
-    properties; issue a DynamicsWarning for assumed ones.
+    """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2); a body 1 that
+    `quantity` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
+    ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
@@ -288,8 +294,9 @@ def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies
 
 
 def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
-    """Return the Accelerations made of the outputs of `ACCELERATIONS_QUANTITY` (D6). Raise ArgumentError if the pivot
-    ratios among the outputs show that the mass matrix is singular.
+    """Return the Accelerations (a1, alpha1, psidd) from `outputs`, the arrays a1, alpha1, psidd and the pivot ratios
+    of the mass matrix (D6). Raise ArgumentError, which shows body 2 of `bodies`, if a pivot ratio shows that the mass
+    matrix is singular.
 
     Raises:
         ArgumentError: the masses leave a motion without resistance.
@@ -302,7 +309,8 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
 
 
 def check_resistance(constants: Constants, bodies: Bodies) -> None:
-    """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that no acceleration follows.
+    """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that forces do not determine the
+    accelerations. `constants` are those of the pair; `bodies` is (body1, body2).
 
     Raises:
         ArgumentError: as for `make_accelerations`.
@@ -316,7 +324,7 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
 
 
 def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return a force or a torque as an array of shape (..., 3); the number 0 becomes zeros. Raise ShapeError for
-    another shape.
+    """Return a force or a torque as an array of shape (..., 3); the number 0 becomes zeros. Raise ShapeError, which
+    names the argument `name`, for another shape.
     """
     return _NO_FORCE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

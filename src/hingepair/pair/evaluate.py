@@ -40,8 +40,8 @@ _ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check 
 
 
 def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
-    """Return the Call that runs a plan for a pair with inputs of the given names. It is made at the first request and
-    cached in `pair.prepared`.
+    """Return the Call that runs a plan for the Constants `pair` and for inputs of the given names, with the backend
+    "auto", "compiled" or "numpy". It is made at the first request and cached in `pair.prepared`.
     """
     key = plan, input_names, backend
     call: Call | None = pair.prepared.get(key)
@@ -68,7 +68,7 @@ def _needed_arguments(loop: Any, input_names: tuple[str, ...]) -> list[str]:
 
 
 def _refuse_attitude(values: Mapping[str, Any]) -> None:
-    """Raise RotationError if S1 or S2 among the inputs by name is not a rotation, or a quaternion is zero."""
+    """Raise RotationError if S1 or S2 in `values`, the inputs by name, is not a rotation, or a quaternion is zero."""
     for name, value in values.items():
         if name in QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
@@ -85,9 +85,10 @@ def compute_state(
     execution: Execution = DEFAULT_EXECUTION,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
-    """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `values` are the
-    inputs by name, `shapes` the shapes of their samples. Arrays in `out` are written into. The dtype is that of the
-    values unless one is given.
+    """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` are the
+    Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their samples. Arrays in the dict
+    `out` are written into. `execution` says backend and number of threads. The dtype is that of the values if `dtype`
+    is None.
     """
     return cached_call(pair, plan, tuple(values), execution.backend).run(
         values, shapes, out, execution.workers, dtype
@@ -102,16 +103,17 @@ def compute_arrays(
     dtype: np.dtype[Any] | None = None,
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """Compute outputs of a pair from inputs by name; return them as a dict of new, writable arrays by output name.
-    `shapes` are the shapes of the inputs' samples.
+    """Compute the outputs of a spatial pair that `outputs` names; return them as a dict of new, writable arrays by
+    output name. `pair` are the Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their
+    samples, `sequence` is the Euler sequence if there are Euler angles.
     """
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
-    """Return the OperationCounts of a plan for a pair: the numbers of arithmetic operations in full, and of those
-    that are left if inputs that are numbers count as known constants.
+    """Return the OperationCounts of a plan for a pair: the numbers of arithmetic operations in full, and of the
+    operations that are left if the Constants `pair` and the inputs in `values` that are numbers count as known.
 
     Args:
         plan: what is computed.

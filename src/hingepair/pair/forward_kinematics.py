@@ -43,7 +43,8 @@ _ARGUMENT_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _ATTRIBU
 
 
 class PairCoordinates(NamedTuple):
-    """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd.
+    """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd. A named tuple of `parts`
+    and `shapes`, dicts by argument name, and of the array `library`, or None for NumPy.
 
     Attributes:
         parts: q, qd and qdd by name, as far as given: tuples of components, or arrays with the components last.
@@ -57,8 +58,9 @@ class PairCoordinates(NamedTuple):
 
 
 def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
-    """Return the arguments q, qd and qdd as PairCoordinates. Raise ArgumentError, ShapeError or DtypeError for
-    unusable ones. Arrays of other libraries stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
+    """Return the arguments q, qd and qdd (None if not given) as PairCoordinates; `kind` says whether the pair is
+    spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable ones. Arrays of other libraries stay
+    as they are if `keep_foreign`, and otherwise become NumPy arrays.
     """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -90,8 +92,9 @@ def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...
 
 
 def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) -> Components | NDArray[Any]:
-    """Return q, qd or qdd (`name` says which) as a tuple of components, or as one array with the coordinates on the
-    last axis. Raise ShapeError or DtypeError for other values.
+    """Return the value of an argument q, qd or qdd (`name` says which) as a tuple of components if it is a tuple or a
+    data frame, and otherwise as one array with the coordinates on the last axis. Raise ArgumentError, ShapeError or
+    DtypeError for unusable values.
     """
     count = len(coordinate_names)
     several = f"{_NUMBER_WORD_BY_COORDINATE_COUNT[count]} coordinates"
@@ -120,8 +123,8 @@ def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) 
 
 
 def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a data frame that hold q, qd or qdd (`name` says which), as a dict by column name, in the
-    order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
+    """Return the columns of a data frame `table` that hold q, qd or qdd (`name` says which), as a dict of arrays by
+    column name, in the order of `coordinate_names`. Raise ArgumentError if one is missing or a column is unknown.
     """
     column_names_by_level, endings = (
         COLUMN_NAMES_BY_COORDINATE_NAMES[coordinate_names],
@@ -136,22 +139,22 @@ def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]
 
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
-    """Return the names of a data frame's columns that hold q, qd or qdd of a HingePair (`name` says which), as a
-    tuple in the order of the coordinates.
+    """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a HingePair (`name` says
+    which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
     """
     return tuple(_coordinate_columns(name, table, SPATIAL_MOTION.coordinates))
 
 
 def planar_columns(name: str, table: Any) -> tuple[str, ...]:
-    """Return the names of a data frame's columns that hold q, qd or qdd of a PlanarPair (`name` says which), as a
-    tuple in the order of the coordinates.
+    """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a PlanarPair (`name` says
+    which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
     """
     return tuple(_coordinate_columns(name, table, PLANAR_MOTION.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """Return `count` numbers, given as an array, list or tuple, as a float64 array. Return None for any other value,
-    and for numbers that are not computed in float64.
+    """Return exactly `count` numbers, given as an array, list or tuple, as a float64 array. Return None for any other
+    value, and for numbers that are not computed in float64.
     """
     if type(value) is np.ndarray:
         is_supported = value.shape == (count,) and value.dtype.char in _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64
@@ -166,8 +169,8 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
 
 
 def read_component(name: str, value: Any) -> Any:
-    """Return one coordinate as an array of real numbers, or a Python number as a float, which takes the dtype of the
-    arrays that it is combined with. Raise DtypeError for other values.
+    """Return the value of one coordinate, the argument `name`, as an array of real numbers, or a Python number as a
+    float, which takes the dtype of the arrays that it is combined with. Raise DtypeError for other values.
     """
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
@@ -186,8 +189,9 @@ def from_coordinates(
     execution: Execution,
 ) -> Any:
     """Compute the PairState or PlanarState of a pair from its coordinates and the derivatives that are not None
-    (E1-E11). Arrays in `out` are written into. The compiled call is cached in `pair.prepared`. Raise ArgumentError
-    for unusable arguments.
+    (E1-E11). `kind` says whether the pair is spatial or planar, `pair` are its Constants, `execution` says backend
+    and number of threads. Arrays in the dict `out` are written into. The compiled call is cached in `pair.prepared`.
+    Raise ArgumentError for unusable arguments.
     """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
@@ -228,7 +232,9 @@ def plan_from_coordinates(
     keep_foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
     """Return (plan, coordinates): the Plan that computes the requested outputs from the coordinates, and the
-    arguments q, qd and qdd as PairCoordinates. Raise ArgumentError for unusable arguments.
+    arguments q, qd and qdd as PairCoordinates. `kind` says whether the pair is spatial or planar, `pair` are its
+    Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for unusable
+    arguments.
     """
     if kind is SPATIAL_MOTION and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
@@ -247,8 +253,9 @@ def from_body1(
     out: Out,
     execution: Execution,
 ) -> Any:
-    """Compute the PairState of a pair from the motion of body 1 and the hinge angle with its derivatives (E1, E2,
-    E5-E9). Arrays in `out` are written into. Raise ArgumentError for unusable arguments.
+    """Compute the PairState of a pair from the BodyMotion of body 1 and the hinge angle with its derivatives (E1, E2,
+    E5-E9). `pair` are the Constants of the pair, `execution` says backend and number of threads. Arrays in the dict
+    `out` are written into. The call is cached in `pair.prepared`. Raise ArgumentError for unusable arguments.
     """
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_ARGUMENT_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
@@ -261,8 +268,9 @@ def from_body1(
 def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
-    """Return (plan, values, shapes): the Plan that computes the requested outputs from the motion of body 1 and the
-    hinge angle, its inputs by name, and the shapes of their samples. Raise ArgumentError for unusable arguments.
+    """Return (plan, values, shapes): the Plan that computes the requested outputs from the BodyMotion of body 1 and
+    the hinge angle with its derivatives, its inputs by name, and the shapes of their samples. `pair` are the
+    Constants of the pair. Raise ArgumentError for unusable arguments.
     """
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
@@ -284,8 +292,9 @@ def plan_from_body1(
 
 
 def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs to compute: `outputs`, or by default those that the level (0 pose, 1
-    velocity, 2 acceleration) allows and the keys of `out`. Raise ArgumentError for unknown names.
+    """Return a tuple of the names of the outputs to compute: `outputs`, or if this is None, the default outputs for
+    the level (0 pose, 1 velocity, 2 acceleration) and the keys of the dict `out`. `kind` says whether the pair is
+    spatial or planar. Raise ArgumentError for unknown names.
     """
     if outputs is not None:
         names = check_outputs(outputs, kind.levels)
@@ -313,8 +322,9 @@ def check_out(out: Out, names: tuple[str, ...]) -> None:
 def _checked_plan(
     names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: MotionKind
 ) -> Plan:
-    """Return the Plan that computes the outputs `names` of a pair from the named inputs. Raise ArgumentError, which
-    names the missing input, if they do not suffice.
+    """Return the Plan that computes the outputs `names` from the inputs `input_names` and the Constants `pair`.
+    `kind` says whether the pair is spatial or planar; `sequence` is the Euler sequence or None. Raise ArgumentError,
+    which names the missing input, if the inputs do not suffice.
     """
     home = "home" in pair.values
     plan = make_plan(names, sequence, home, kind=kind, given_names=input_names)

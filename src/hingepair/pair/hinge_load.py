@@ -97,15 +97,15 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi [rad] of all stops of this load and of HingeLoads that are its motor, as an increasing tuple.
-        The torque is a smooth function of psi between them.
+        """Angles psi [rad] of all stops, as a tuple in increasing order. If the motor is itself a HingeLoad, its
+        stops are included. The torque is a smooth function of psi between these angles.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi' [rad/s] at which the torque of this load, or of a HingeLoad that is its motor, has a kink or a
-        jump. An increasing tuple.
+        """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
+        If the motor is itself a HingeLoad, the rates of its torque are included.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -115,31 +115,32 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest torque of dry friction that sticks and slips [N m], of this load and of HingeLoads that are its
-        motor together.
+        """Largest torque of dry friction that sticks and slips [N m]. If the motor is itself a HingeLoad, its
+        friction is added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
-        """Coefficients of restitution of the rigid stops of this load and of HingeLoads that are its motor, as a dict
-        by the angle of the stop [rad].
+        """Coefficients of restitution of the rigid stops, as a dict by the angle of the stop [rad]. Stops are rigid
+        if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops are included.
         """
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
         return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """Largest lower and smallest upper rigid stop [rad] of this load and of HingeLoads that are its motor, as a
-        pair (lower, upper); -inf or inf if there is none. Stops are rigid if stop_restitution is given.
+        """Range of psi between the rigid stops [rad], as a pair (lower, upper); -inf or inf if there is no such stop.
+        Stops are rigid if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops may narrow
+        the range.
         """
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """Largest lower and smallest upper stop [rad] of this load and of HingeLoads that are its motor, as a pair
-        (lower, upper); -inf or inf if there is none.
+        """Range of psi between the stops [rad], as a pair (lower, upper); -inf or inf if there is no such stop. If
+        the motor is itself a HingeLoad, its stops may narrow the range.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -148,12 +149,12 @@ class HingeLoad:
         return lower, upper
 
     def restitution(self, rate: float) -> float:
-        """Return the ratio of the hinge rates after and before an impact on a stop, if no other torque acts on the
-        hinge.
+        """Return the ratio w / v of the magnitudes of the hinge rate before (v) and after (w) an impact on a stop,
+        from 0 to 1, if no other torque acts on the hinge.
 
-        For rigid stops, this is stop_restitution. For stops that are springs with damping, the ratio w / v decreases
-        as the rate v before the impact grows, and does not depend on the inertia. With c = stop_damping, equal spring
-        deflections on the way in and out give c v - ln(1 + c v) = -c w - ln(1 - c w) for the rate w after the impact.
+        For rigid stops, this is stop_restitution. For stops that are springs with damping, the ratio decreases as v
+        grows, and does not depend on the inertia. With c = stop_damping, equal spring deflections on the way in and
+        out give c v - ln(1 + c v) = -c w - ln(1 - c w).
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
@@ -187,8 +188,9 @@ class HingeLoad:
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] with the formula that holds at the angle and rate `side`, continued smoothly
-        beyond the kinks of the torque.
+        """Compute the torque [N m] at instants t, angles psi and rates psid with one branch of the formula, continued
+        smoothly beyond the kinks of the torque. `side` is a pair (angle, rate): the branch is the one that holds at
+        this angle and rate.
 
         Solvers use it: within one integration step, a stop or dry friction must not switch on or off.
 
@@ -202,8 +204,9 @@ class HingeLoad:
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the parts of the torque [N m]. Return a dict with the key motor, and with spring, damper, friction
-        and stop if this load has such a part.
+        """Compute the parts of the torque [N m]. Return a dict by name with the key motor, and with spring, damper,
+        friction and stop if this load has such a part. `side`, a pair (angle, rate) or None for (psi, psid), selects
+        the branch of the formulas.
 
         Args:
             t: instants [s]; shape (...,).
@@ -232,8 +235,9 @@ class HingeLoad:
         }
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m], a dict by name (motor, spring, damper, friction, stop). The hinge
-        angle and rate in `side` select the stop and the direction of dry friction; psi and psid enter the formulas.
+        """Compute the terms of the torque [N m], a dict by name (motor, spring, damper, friction if there is any,
+        stop if there are stops). `side` is a pair (angle, rate) that selects the stop and the direction of dry
+        friction; psi and psid enter the formulas.
         """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
@@ -263,15 +267,15 @@ class HingeLoad:
 
 
 def is_named(torque: object) -> TypeGuard[HingeLoad]:
-    """Return whether a hinge torque is exactly a HingeLoad, whose kinks and parts are known. Those of derived classes
-    are not.
+    """Return whether a hinge torque is exactly a HingeLoad, whose kinks and parts are known. For objects of derived
+    classes, return False.
     """
     return type(torque) is HingeLoad
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Raise ArgumentError, which names `name`, if `function` is not callable with as many positional arguments as
-    `arguments` has names.
+    """Raise ArgumentError, which names the argument `name`, if `function` is not callable with positional arguments.
+    The further arguments are the names of these, and only their number is checked.
 
     Raises:
         ArgumentError: the function cannot be called so.
@@ -288,8 +292,9 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a callable for array arguments. Raise ArgumentError, which names `name`, if it fails
-    because it treats an array as a single number.
+    """Return the result of a call of `function` with the further arguments, which are arrays. Raise ArgumentError,
+    which names the argument `name`, if the function fails because it treats an array as a single number; other errors
+    pass.
 
     Raises:
         ArgumentError: the callable compares or converts an array as if it were one number; names it.

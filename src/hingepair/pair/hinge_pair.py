@@ -146,8 +146,8 @@ class HingePair(Shown):
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of a method for arguments that contain Dask arrays, with lazy Dask arrays in it. Nothing
-        is computed. Raise ShapeError if the pair has leading axes.
+        """Return the result of `method` for keyword arguments that contain Dask arrays, with lazy Dask arrays in it.
+        Nothing is computed. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
@@ -165,10 +165,10 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> PairState:
         """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
-        (E1-E10).
+        (E1-E10). qd and qdd add velocities and accelerations; `outputs` names the outputs to compute. Results are
+        written into the arrays of the dict `out`, if given.
 
-        The inputs determine the outputs: q alone gives position and attitude; qd adds velocities, and qdd adds
-        accelerations.
+        By default, the inputs determine the outputs: q alone gives position and attitude.
 
         Args:
             q: coordinates [m, rad]: the position of body 1's reference point, the Euler angles of body 1, and the
@@ -221,6 +221,8 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Return a Prepared call, planned, checked and compiled once, for loops over single states or small batches.
+        `given` says which inputs it takes: a keyword such as "velocity", or a tuple of names. `outputs` names what it
+        computes.
 
         Args:
             given: which inputs each call of the result will take, and in which order. One of these:
@@ -282,8 +284,9 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute the PairState of body 2 from the motion of body 1 and the hinge angle, without Euler angles (E1,
-        E2, E5-E9).
+        """Compute the PairState of body 2 from the BodyMotion of body 1 and the hinge angle, without Euler angles
+        (E1, E2, E5-E9). psid and psidd add velocities and accelerations. Results are written into the arrays of the
+        dict `out`, if given.
 
         The outputs follow psi, psid and psidd as they follow q, qd and qdd in `forward_kinematics`: velocities need
         psid and accelerations psidd, and body1 must have v and omega, and a and alpha, accordingly.
@@ -321,15 +324,14 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
-        Return a dict of arrays by output name.
+        """Compute bounds on the error that rounding can cause in each output of forward_kinematics, whose arguments
+        it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output, at every
+        sample.
 
         The error is the difference from the exact result of the equations for the coordinates, u1, u2, n (before it
         is scaled to unit length) and home exactly as given. The bounds are rigorous for both backends if sines and
         cosines are accurate to 1.5 units in the last place. Actual errors are usually at most a third of the bounds;
         they can come closer if only few operations round.
-
-        The arguments are those of `forward_kinematics`.
 
         Returns:
             For each output, a bound on the error of every component, in the unit of the output; shape (...,). The
@@ -354,12 +356,13 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1, at
-        every sample. Return a dict of arrays by output name.
+        """Compute bounds on the error that rounding can cause in each output of forward_kinematics_from_body1, whose
+        arguments it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output,
+        at every sample.
 
-        The arguments are those of `forward_kinematics_from_body1`, the result is as for `error_bounds`. The error is
-        the difference from the exact result of the equations for the arrays in body1 as they are. Rounding errors in
-        these arrays, for instance from a conversion of quaternions to S, do not count.
+        The error is the difference from the exact result of the equations for the arrays in body1 as they are.
+        Rounding errors in these arrays, for instance from a conversion of quaternions to S, do not count. The bounds
+        are as for `error_bounds`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -613,8 +616,9 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute the Residuals of two motions: by how much they violate the hinge constraints E1 and E2 and their
-        time derivatives, compared with tolerances. For Dask arrays, return LazyResiduals.
+        """Compute the Residuals of two BodyMotions: by how much they violate the hinge constraints E1 and E2 and
+        their time derivatives, compared with `tolerances`, a dict by residual (defaults cover rounding errors). For
+        Dask arrays, return LazyResiduals. t are the instants for the report.
 
         Args:
             body1: the motion of body 1.
@@ -755,19 +759,19 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-        """Compute the Sensitivities: the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2,
-        E5-E8). The derivatives of R2 are equal to those of d.
+        """Compute the Sensitivities, a record of the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n
+        and psi (E2, E5-E8). n is scaled to unit length, so the derivative with respect to a change along n is zero.
+        The derivatives of R2 are equal to those of d. Without psid, the derivatives of v2 and omega2 are None.
 
         Args:
             body1: the motion of body 1; only S is used, and omega if psid is given.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,). If it is not given, the derivatives of v2 and omega2
-                are None.
+            psid: time derivative of psi [rad/s]; shape (...,).
 
         Returns:
             The Sensitivities, an object with an attribute for each derivative, such as d_by_u1, shape (..., 3, 3),
             for that of d with respect to u1. The last axis is the component of u1, u2 or n; derivatives with respect
-            to psi do not have it.
+            to psi do not have it. For example, S2_by_n has shape (..., 3, 3, 3) and S2_by_psi (..., 3, 3).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -791,9 +795,10 @@ class HingePair(Shown):
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7). Raise ArgumentError if all standard deviations are 0.
+        home cause, to first order (E5, E7). Give the tolerances as standard deviations or as one covariance (12, 12).
+        Raise ArgumentError if all standard deviations are 0.
 
-        Give either standard deviations or a covariance. `hingepair.sample_pairs` draws random pairs with the same
+        `hingepair.sample_pairs` draws random pairs with the same
         tolerances, which shows whether the first order is accurate enough.
 
         Args:
@@ -826,8 +831,8 @@ class HingePair(Shown):
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the Jacobian G of the hinge constraints, shape (..., 5, 12), for solvers of differential-algebraic
-        equations (E1, E2).
+        """Compute the Jacobian G of the five hinge constraints in (gap', tilt') = G @ (v1, omega1, v2, omega2), shape
+        (..., 5, 12), for solvers of differential-algebraic equations (E1, E2). `body1` and `body2` are BodyMotions.
 
         The five constraints are gap = 0 and tilt = 0. gap = R1 + S1 u1 - R2 - S2 u2 has three components in world
         axes [m]. tilt has two: the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2. Here C is `home`, e1 is the
@@ -881,8 +886,8 @@ class HingePair(Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
-    """Return the limits of the hinge angle [rad] as floats (lower, upper), or None for None. Raise ArgumentError
-    unless they are finite and lower < upper.
+    """Return the argument `limits`, the limits of the hinge angle [rad], as floats (lower, upper), or None if it is
+    None. Raise ArgumentError unless they are two finite numbers with lower < upper.
     """
     if limits is None:
         return None
@@ -893,8 +898,8 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return the argument unchanged if it is a Body or None; raise ArgumentError, which names `name`, for anything
-    else.
+    """Return the argument `body` unchanged if it is a Body or None. Raise ArgumentError, which names the argument
+    `name`, for anything else.
     """
     if body is None:
         return None

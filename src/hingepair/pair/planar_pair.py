@@ -197,7 +197,7 @@ class PlanarPair(Shown):
 
     def massive(self) -> HingePair:
         """Return a HingePair with the same dynamics as this planar pair: its centres of mass are moved to z = 0, and
-        all three principal moments of a body are set to its moment of inertia about z. The HingePair is kept, and
+        all three principal moments of a body are set to its moment of inertia about z. The HingePair is cached, and
         later calls return it again.
 
         In-plane forces cause the same motion in it as in the planar pair, and the hinge carries no torque about axes
@@ -414,9 +414,9 @@ class PlanarPair(Shown):
         gravity: ArrayLike = PLANAR_GRAVITY,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """Return the spatial arrays of a DynamicsQuantity, such as forces with three components, computed from planar
-        coordinates (q, qd, qdd by name) and loads. Raise ArgumentError if a coordinate argument is None or a needed
-        mass is missing.
+        """Return the spatial arrays of a DynamicsQuantity, such as forces with three components, in the order of its
+        outputs. `coordinates` are q, qd and qdd by name, gravity has two components, and planar loads are keyword
+        arguments. Raise ArgumentError if a coordinate argument is None or a needed mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:
@@ -443,8 +443,8 @@ _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and
 
 
 def _body_in_plane(body: Body) -> Body:
-    """Return a copy of the body with its centre of mass moved to z = 0, and with its moment of inertia about z as all
-    three principal moments.
+    """Return a copy of a Body with its centre of mass moved to z = 0, and with its moment of inertia about z as all
+    three principal moments. An inertia that was assumed stays assumed if it is unchanged.
     """
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
@@ -455,8 +455,8 @@ def _body_in_plane(body: Body) -> Body:
 def motion_in_space(
     q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
 ) -> tuple[Any, ...]:
-    """Return a tuple of the spatial BodyMotion of body 1, psi, and psid and psidd as far as qd and qdd are given,
-    from planar coordinates q, qd and qdd.
+    """Return the planar coordinates q, qd and qdd as a spatial motion: a tuple of the BodyMotion of body 1, psi, and,
+    as far as qd and qdd are given, psid and psidd.
     """
     coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
@@ -473,8 +473,9 @@ def motion_in_space(
 
 
 def _spatial_load(name: str, value: ArrayLike) -> Any:
-    """Return a planar load (force, torque or hinge_torque, as `name` says) as a spatial one: a tuple of three
-    components, or the hinge_torque itself. The number 0 is accepted for a force.
+    """Return the value of a planar load in space. `name` is its argument: a force1 or force2 becomes a tuple of three
+    components (x, y, 0), a torque1 or torque2 becomes (0, 0, torque), and a hinge_torque stays one component. The
+    number 0 is accepted for a force.
     """
     if name == "hinge_torque":
         return kinematics.read_component(name, value)

@@ -117,7 +117,8 @@ class Prepared:
 
     def _call_any_arguments(self, given: Sequence[Any], out: Out) -> Any:
         """Compute the PairState for any kind of arguments, such as lists and arrays of other libraries, which the
-        fast paths do not take. Arrays in `out` are written into. Raise ArgumentError for unusable arguments.
+        fast paths do not take. `given` are the inputs in the order of the attribute `given`. Arrays in the dict `out`
+        are written into. Raise ArgumentError for unusable arguments.
         """
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
@@ -153,8 +154,9 @@ def prepare(
     gravity: ArrayLike,
     execution: Execution,
 ) -> Prepared:
-    """Return the Prepared call that `HingePair.prepare` describes; compile it unless the backend is "numpy". Raise
-    ArgumentError for unknown names, missing inputs and missing masses.
+    """Return the Prepared call that `HingePair.prepare` describes, for inputs `given` (a keyword such as "velocity",
+    or names); compile it if the backend of `execution` is "auto" or "compiled". `pair` is a HingePair, `sequence` the
+    Euler sequence of body 1. Raise ArgumentError for unknown names, missing inputs and missing masses.
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
@@ -192,8 +194,8 @@ def prepare(
 
 
 def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the input names that `given` (a keyword such as "velocity", or names) stands for, as a tuple. Raise
-    ArgumentError for unknown names, and unless exactly one of them is an attitude of body 1.
+    """Return the input names for which `given` (a keyword such as "velocity", or the names themselves) stands, as a
+    tuple. Raise ArgumentError for unknown or repeated names, and unless exactly one of them is an attitude of body 1.
     """
     try:
         names = _INPUT_NAMES_BY_KEYWORD[given] if isinstance(given, str) else tuple(given)

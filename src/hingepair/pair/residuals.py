@@ -31,7 +31,8 @@ _TABLE_HEADINGS = (
 
 
 class ResidualCheck(NamedTuple):
-    """Result of the comparison of one residual with its tolerance at all samples.
+    """Result of the comparison of one residual with its tolerance at all samples, a row of the printed table: the
+    sizes of the residual, and the sample at which it is largest relative to the tolerance.
 
     The size of a residual is the norm of its array; that of the residual `tilt` is the angle between the hinge axes
     (`tilt_angle`). The worst sample is the one with the largest size / tolerance.
@@ -137,8 +138,8 @@ class Residuals(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """The result as a text of one line, which says PASSED, FAILED or NOTHING COMPARED, the residuals concerned,
-        and how many samples were left out.
+        """The result as a text of one line, which begins with PASSED, FAILED or NOTHING COMPARED and names the
+        residuals concerned and the number of samples that were left out.
         """
         samples = math.prod(self.shape)
         beside = left_out_remark(self.skipped, samples)
@@ -201,8 +202,9 @@ that."""
 
 
 class ResidualKind(NamedTuple):
-    """Properties of a kind of residual: label of the equation, unit, the arrays of both motions that it needs, the
-    formula of the scale of its rounding errors as text, and the name of the array whose norm is its size.
+    """Properties of a kind of residual, a named tuple: label of the equation, unit, the letters of the velocities and
+    accelerations of both motions that it needs, the formula of the scale of its rounding errors as text, and the name
+    of the array whose norm is its size.
 
     Attributes:
         label: label of the equation, with a prime for each time derivative.
@@ -269,7 +271,7 @@ class LazyResiduals(Results):
 
     def compute_summary(self, **options: Any) -> Residuals:
         """Compute the rows and the verdict, chunk by chunk, and return the `Residuals`, whose arrays stay Dask
-        arrays. `options` are passed to `dask.compute`.
+        arrays. Keyword arguments are passed to `dask.compute`.
         """
         import dask
 
@@ -310,8 +312,9 @@ def lazy_residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> LazyResiduals:
-    """Return the LazyResiduals of two motions, made of the results of `residual_arrays` as Dask arrays. Nothing is
-    computed. Raise ArgumentError if t is a Dask array or does not broadcast to the samples.
+    """Return the LazyResiduals of two BodyMotions, made of the results of `residual_arrays` as Dask arrays by name.
+    `name` is that of the pair, `tolerances` a dict by kind of residual or None, t the instants in memory or None.
+    Nothing is computed. Raise ArgumentError if t is a Dask array, ShapeError if it does not broadcast to the samples.
 
     Raises:
         ArgumentError: t is a Dask array, or does not broadcast to the samples.
@@ -342,8 +345,8 @@ def lazy_residuals(
 
 
 class _ResidualSummary(NamedTuple):
-    """Summary of the residuals at some samples: a `ResidualCheck` for each residual, and the shape and the number of
-    skipped ones of these samples.
+    """Summary of the residuals at some samples: `rows`, a `ResidualCheck` for each residual, the leading `shape` of
+    these samples, and `skipped`, the number of samples at which a residual is not finite.
 
     Attributes:
         rows: comparison of each residual with its tolerance, without instants. The index of the worst sample counts
@@ -360,8 +363,8 @@ class _ResidualSummary(NamedTuple):
 def _summarize_chunk(
     sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
-    """Return the summary of one chunk. `judged_arrays` holds the sizes and the tolerances of each kind of residual at
-    every sample, `bases` the texts on the origin of the tolerances.
+    """Return the _ResidualSummary of the samples of one chunk. `sizes_and_tolerances` holds a pair of arrays by kind
+    of residual, `basis_by_kind` a text on the origin of the tolerance.
     """
     judged = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
@@ -370,15 +373,17 @@ def _summarize_chunk(
 
 
 def _summarize(judged: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
-    """Return the summary of the comparisons of residuals with their tolerances, by kind of residual."""
+    """Return the _ResidualSummary of all samples from `judged`, the comparisons of residuals with their tolerances by
+    kind of residual.
+    """
     is_finite = [comparison.is_finite for comparison in judged.values()]
     rows = tuple(_worst_sample_check(kind, comparison) for kind, comparison in judged.items())
     return _ResidualSummary(rows, is_finite[0].shape, int((~np.logical_and.reduce(is_finite)).sum()))
 
 
 def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
-    """Return the summary of all samples, merged from the summaries of their chunks. These are in C order of a grid
-    with `grid_shape` chunks along each axis.
+    """Return the _ResidualSummary of all samples, merged from the summaries of their chunks. These are in C order of
+    a grid with `grid_shape` chunks along each axis.
     """
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
     starts = []  # of the chunks, along each axis
@@ -396,7 +401,9 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
 
 
 def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return the ResidualCheck of a chunk with the index of its worst sample counted from the first sample of all."""
+    """Return a copy of the ResidualCheck of a chunk with the index of its worst sample counted from the first sample
+    of all. `chunk_start` is the index of the first sample of the chunk.
+    """
     if check.worst_sample is None:
         return check
     return check._replace(worst_sample=tuple(i + j for i, j in zip(check.worst_sample, chunk_start, strict=True)))
@@ -417,8 +424,9 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
-    """Return a report made of arrays and a summary by name: LazyResiduals if they are Dask collections, and otherwise
-    Residuals.
+    """Return the report on two motions: LazyResiduals if the arrays in `values` are Dask arrays, and otherwise
+    Residuals. `values` holds the arrays by name and the summary under the key "summary"; `name` is that of the pair,
+    t the instants or None, u the unit roundoff.
     """
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
@@ -428,8 +436,8 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. The rows get the instants of the
-    worst samples.
+    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. `name` is that of the pair, u the
+    unit roundoff; t are the instants or None, of which the rows get those of the worst samples.
     """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
@@ -442,7 +450,9 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant of a sample, a number or a text for datetime64; None if `t` or `sample` is None."""
+    """Return the instant in the array `t` at the index `sample`, a number or a text for datetime64; None if either
+    argument is None.
+    """
     if t is None or sample is None:
         return None
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
@@ -461,9 +471,10 @@ _COMPARISON_ARRAY_NAMES = {
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> dict[str, NDArray[Any]]:
-    """Compute the arrays of a report on two motions, and return them as a dict by name: the residuals, the hinge
+    """Compute the arrays of a report on two BodyMotions, and return them as a dict by name: the residuals, the hinge
     angle and its derivatives; `ratio`, the largest residual / tolerance of each sample; sizes and tolerances of each
-    residual. Raise ArgumentError for unusable arguments.
+    residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise ArgumentError for unusable
+    arguments.
 
     Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
     """
@@ -477,7 +488,9 @@ def residual_arrays(
 
 
 class _ResidualComparison(NamedTuple):
-    """Comparison of a residual with its tolerance at every sample, shape (...,); -inf where the motion is not finite.
+    """Comparison of a residual with its tolerance at every sample: arrays (...,) of its `sizes`, its `tolerance`,
+    their `ratio` and `is_finite`, and the text `basis` on the origin of the tolerance. Sizes and ratios are -inf
+    where the motion is not finite.
 
     Attributes:
         sizes: sizes of the residual; inf where a size overflows.
@@ -495,7 +508,8 @@ class _ResidualComparison(NamedTuple):
 
 
 class _ResidualComputation(NamedTuple):
-    """All residuals of two motions as arrays, with their comparisons to the tolerances.
+    """All residuals of two motions: `arrays` by name, `judged`, the comparisons with the tolerances by kind of
+    residual, the leading `shape` of the samples, and the unit roundoff `u` of the least precise input.
 
     Attributes:
         arrays: residuals, hinge angle and its derivatives by name.
@@ -513,8 +527,9 @@ class _ResidualComputation(NamedTuple):
 def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> _ResidualComputation:
-    """Compute all residuals that the velocities and accelerations of two motions allow, and compare each with its
-    tolerance. Raise ArgumentError for unusable arguments.
+    """Compute all residuals that the velocities and accelerations of two BodyMotions allow, and compare each with its
+    tolerance; return a _ResidualComputation. `tolerances` is a dict by kind of residual, or None for the defaults.
+    Raise ArgumentError for unusable arguments.
     """
     motions = _read_both_motions(body1, body2)
     tolerance_by_kind = _check_tolerances(tolerances)
@@ -544,8 +559,9 @@ def _compare_residual(
     u: float,
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
-    """Return the comparison of one residual with its tolerance at every sample: the given tolerance, or
-    DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * u * scale.
+    """Return the _ResidualComparison of a kind of residual, whose sizes and scale are arrays (...,). The tolerance is
+    `tolerance_by_kind[kind]` if it is given, and otherwise DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * u * scale. Sizes
+    become -inf where `is_finite` is False, and inf where they overflow.
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
@@ -559,14 +575,16 @@ def _compare_residual(
 
 
 def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
-    """Return as text where the tolerance of a residual comes from: "given", or the formula of round-off."""
+    """Return a text on the origin of the tolerance of a kind of residual: "given" if `tolerance_by_kind` has it, and
+    otherwise the formula of the default tolerance.
+    """
     formula = f"{DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Return the comparison of sizes with tolerances, sample by sample. Sizes are -inf where the motion is not
-    finite.
+    """Return the _ResidualComparison of sizes with tolerances, sample by sample, with the text `basis` on the origin
+    of the tolerances. Sizes are -inf where the motion is not finite.
     """
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):
@@ -575,19 +593,19 @@ def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> 
 
 
 def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
-    """Return the unit roundoff of the least precise of the dtypes; integers count as float64."""
+    """Return the unit roundoff of the least precise of the dtypes, the largest one; integers count as float64."""
     return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
 
 
 def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
-    """Return the dtypes of all arrays of motions."""
+    """Return a list of the dtypes of all arrays of the BodyMotions that are passed as arguments."""
     arrays = (getattr(body, letter) for body in bodies for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE)
     return [array.dtype for array in arrays if array is not None]
 
 
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return all arrays of two motions as a dict by name, such as R1 and omega2. Raise ArgumentError if a motion has
-    no attitude.
+    """Return all arrays of two BodyMotions that are not None as a dict by name, such as R1 and omega2. Raise
+    ArgumentError if a motion has no attitude or holds Dask arrays.
     """
     motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
@@ -600,8 +618,8 @@ def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArra
 def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
-    """Compute the residuals, the hinge angle and its derivatives, as far as the motions have the arrays that they
-    need. Return them as a dict by name.
+    """Compute the residuals, the hinge angle and its derivatives, as far as the `motions`, arrays by name such as R1,
+    suffice for them. Return them as a dict of float64 arrays by name. `shapes` are the leading shapes of both bodies.
     """
     home, there = "home" in pair.values, {*motions, *pair.values}
     names = [
@@ -620,16 +638,17 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """Compute the Residuals of two motions: by how much they violate the hinge constraints E1 and E2 and their time
-    derivatives, compared with tolerances. Raise ArgumentError for unusable arguments.
+    """Compute the Residuals of two BodyMotions: by how much they violate the hinge constraints E1 and E2 and their
+    time derivatives, compared with tolerances. `name` is that of the pair, `tolerances` a dict by kind of residual or
+    None for the defaults, t the instants or None. Raise ArgumentError for unusable arguments.
     """
     arrays, judged, _, u = _compute_residuals(pair, body1, body2, tolerances)
     return _make_report(name, t, u, _summarize(judged), arrays)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return instants, numbers or datetime64, as a read-only array that is broadcast to one per sample. Raise
-    ShapeError if they do not broadcast to `shape`.
+    """Return the instants t, numbers or datetime64, as a read-only array that is broadcast to the `shape` of the
+    samples. Raise ShapeError if they do not broadcast to it.
     """
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
@@ -641,8 +660,8 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
-    """Return the ResidualCheck of one residual, whose worst sample is the one with the largest size / tolerance. The
-    instant of this sample is left None.
+    """Return the ResidualCheck of one kind of residual from its comparison at every sample. Its worst sample is the
+    one with the largest size / tolerance; the instant of this sample is left None.
     """
     label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
     sizes, tolerance, ratio, is_finite, basis = comparison
@@ -672,8 +691,9 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualC
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return a dict of the scales that the rounding errors of the residuals are relative to, at each sample, by kind
-    of residual (the formulas of `RESIDUAL_KIND_BY_NAME`).
+    """Return a dict of the scales that the rounding errors of the residuals are relative to, at each sample, for the
+    given kinds of residual (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` are the arrays of both motions by
+    name, such as R1.
     """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
@@ -698,8 +718,9 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
-    """Raise ArgumentError unless both motions have the velocities and accelerations that a kind of residual needs,
-    for which a tolerance is given.
+    """Raise ArgumentError unless both motions have the velocities and accelerations that a kind of residual needs.
+    `motions` are the arrays of both motions by name, such as omega1. The message names the tolerance that was given
+    for this kind.
     """
     letters = RESIDUAL_KIND_BY_NAME[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
@@ -709,8 +730,8 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the tolerances as a dict of floats by kind of residual. Raise ArgumentError for unknown kinds and for
-    numbers that are not positive.
+    """Return the argument `tolerances`, a mapping by kind of residual or None, as a dict of floats (empty for None).
+    Raise ArgumentError for unknown kinds and for numbers that are not positive.
     """
     if tolerances is None:
         return {}

@@ -77,7 +77,9 @@ class Result(Shown):
         return ("time",), self.recorded()
 
     def _sheet(self) -> Sheet:
-        """Return the Sheet that prints the result: name, shape at one instant, and unit of each array."""
+        """Return the result as a Sheet, the table that is printed: name, shape at one instant, and unit of each
+        array.
+        """
         leading, arrays = self._axes_and_arrays()
         rows = [(name, str(array.shape[len(leading) :] or ""), self.unit(name)) for name, array in arrays.items()]
         title = f"{self.described}: {len(self.t)} instants"
@@ -126,8 +128,9 @@ class Result(Shown):
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the arrays to a file, completely or not at all, and return its Path. Every number that is read back
-        equals the one in the result.
+        """Write the arrays to a file, completely or not at all, and return its Path. The ending of `path` selects the
+        format. Files named in `inputs` are never overwritten. Every number that is read back equals the one in the
+        result.
 
         Args:
             path: file name. Its ending selects the format: .csv (a line of column names, then one line per instant,
@@ -146,8 +149,8 @@ class Result(Shown):
 
 
 class Record(Result):
-    """Result that holds any arrays over instants. They are read as attributes or by name: `record.hinge_torque`,
-    `record["hinge_torque"]`.
+    """Result that holds any arrays over instants, with a description and the input files. The arrays are read as
+    attributes or by name: `record.hinge_torque`, `record["hinge_torque"]`.
 
     Args:
         t: instants [s]; shape (N,).
@@ -210,9 +213,11 @@ def result_file(
     inputs: Iterable[str | os.PathLike[str]] = (),
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
-    """Open a file for results, yield a function that appends a block of rows, and close the file. It replaces an
-    existing file only if the `with` block ends without an error. Raise ArgumentError if the path cannot be used, and
-    MissingDependencyError if a package for the format is missing.
+    """Open a file for results, as a context manager that yields a function `add(t, arrays)`, which appends a block of
+    rows. The file replaces an existing one only if the `with` block ends without an error. `samples` is the number of
+    rows in all, `described` a text and `unit` a function from name to unit for the metadata; `inputs` are files that
+    must not be overwritten. Raise ArgumentError if the path cannot be used, MissingDependencyError if a package is
+    missing.
 
     .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
 
@@ -250,8 +255,8 @@ def check_ending(path: Path) -> None:
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return a list of column names, one for each component of each array: R2_x, S2_xy and so on. An array of one
-    number at each instant keeps its name.
+    """Return a list of column names, one for each component of each array by name: R2_x, S2_xy and so on. An array of
+    one number at each instant keeps its name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
@@ -273,11 +278,13 @@ def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[
 
 @contextlib.contextmanager
 def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
-    """Yield a function that appends rows to an open CSV file. Its first call also writes the line of column names."""
+    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file as CSV. Its
+    first call also writes the line of column names.
+    """
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays, one line per instant."""
+        """Append rows with the instants t [s] and the components of the arrays by name, one line per instant."""
         nonlocal begun
         if not begun:
             begun = True
@@ -292,14 +299,15 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 
 @contextlib.contextmanager
 def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
-    """Yield a function that appends rows to an open Parquet file; the file's metadata contain the description and the
-    units. Raise MissingDependencyError if PyArrow is not installed.
+    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open Parquet file. The file's
+    metadata contain the text `described` and the units, which the function `unit` returns by name. Raise
+    MissingDependencyError if PyArrow is not installed.
     """
     arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays, as a row group."""
+        """Append rows with the instants t [s] and the components of the arrays by name, as a row group."""
         nonlocal writer
         arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
@@ -319,14 +327,15 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
 def _collecting_writer(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
-    """Yield a function that collects blocks of rows in memory. When the `with` block ends without an error, `write`
-    is called once with all of them.
+    """Yield, as a context manager, a function `add(t, arrays)` that collects blocks of rows in memory. When the
+    `with` block ends without an error, `write(file, arrays, described, unit)` is called once with the arrays of all
+    rows by name, including t. `samples` is the number of all rows.
     """
     kept: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Collect the instants t [s] and arrays of a block. A block of all samples is kept without a copy."""
+        """Collect the instants t [s] and arrays by name of a block. A block of all samples is kept without a copy."""
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:
@@ -349,8 +358,8 @@ def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: C
 
 
 def import_data_package(package: str, caller: str) -> Any:
-    """Import and return a package that tables or files need. Raise MissingDependencyError, which names the method
-    `caller` that needs it, if it is not installed.
+    """Import the package of this name, which tables or files need, and return it. Raise MissingDependencyError, which
+    names the method `caller` that needs it, if it is not installed.
 
     Raises:
         MissingDependencyError: the package is not installed.

@@ -69,8 +69,8 @@ class PairState(Results):
 
     @property
     def body2(self) -> BodyMotion:
-        """The motion of body 2 as a BodyMotion, which can be the motion of body 1 of the next pair of a chain. Raises
-        ArgumentError if R2 or S2 was not computed.
+        """The motion of body 2 as a BodyMotion made of the computed outputs, which can be the motion of body 1 of the
+        next pair of a chain. Raises ArgumentError unless both R2 and S2 were computed.
 
         Raises:
             ArgumentError: R2 or S2 is not among the outputs.
@@ -87,8 +87,8 @@ class PairState(Results):
 
     @property
     def body1(self) -> BodyMotion:
-        """The motion of body 1 as a BodyMotion. Raises ArgumentError if R1 or S1 was not computed, which `outputs`
-        can request.
+        """The motion of body 1 as a BodyMotion made of the computed outputs. Raises ArgumentError unless both R1 and
+        S1 were computed; they are computed only if `outputs` names them in the call that made this state.
 
         Raises:
             ArgumentError: R1 or S1 is not among the outputs.

@@ -90,8 +90,9 @@ def propagate_covariance(
     pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
 ) -> PoseCovariance:
     """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of the geometry
-    cause, to first order. `std` are standard deviations by `STANDARD_DEVIATION_ARGUMENT_NAMES`. Raise ShapeError if
-    `pair` has leading axes, ArgumentError if all standard deviations are 0.
+    cause, to first order. The tolerances are `covariance` (12, 12), or None and the standard deviations u1_std,
+    u2_std, axis_std and home_std as keyword arguments. `pair` are the Constants of the pair. Raise ShapeError if it
+    has leading axes, ArgumentError if all standard deviations are 0.
     """
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
@@ -112,8 +113,9 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds many random pairs, which deviate from a given pair according to manufacturing
-    tolerances or to the covariance of a fit.
+    """Return a HingePair that holds `samples` random pairs, which deviate from a given pair by manufacturing
+    tolerances (standard deviations of u1, u2, the hinge axis and home) or by the covariance of a fit. An integer
+    `seed` gives the same pairs in every call.
 
     The deviations are normally distributed with mean zero. Give either standard deviations or a covariance. The
     result can be used like a single pair: each sample of a motion then belongs to another pair.
@@ -174,8 +176,8 @@ def sample_pairs(
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
     """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
-    or that of independent standard deviations. Raise ArgumentError if both are given, or if all standard deviations
-    are 0.
+    or if it is None, that of independent standard deviations, which are the keyword arguments u1_std, u2_std,
+    axis_std and home_std. Raise ArgumentError if both are given, or if all standard deviations are 0.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
@@ -203,8 +205,8 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
-    """Return an array of three standard deviations; a number stands for three equal ones. Raise ArgumentError for
-    negative numbers, and for three where `name` is "axis_std".
+    """Return an array of three standard deviations from the value of the argument `name`; a number stands for three
+    equal ones. Raise ArgumentError for negative numbers, and for three numbers if `name` is "axis_std".
     """
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
@@ -216,8 +218,8 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Return a covariance of the twelve components of the geometry, shape (12, 12), made exactly symmetric. Raise
-    ArgumentError if it is not symmetric, has a negative eigenvalue, or is zero.
+    """Return the argument `covariance` of the twelve components of the geometry as an array of shape (12, 12), made
+    exactly symmetric. Raise ArgumentError if it is not symmetric, has a negative eigenvalue, or is zero.
     """
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
