@@ -200,8 +200,8 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DynamicsQuantity:
-    """Description of a quantity of dynamics for `compute_quantity`. `outputs` are the names of its outputs, `letters`
+class DynamicsRequest:
+    """Request for a quantity of dynamics, for `compute_quantity`. `outputs` are the names of its outputs, `letters`
     name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose masses it needs, and
     `without_body1` is a hint for the error message if body 1 has no mass.
     """
@@ -212,35 +212,35 @@ class DynamicsQuantity:
     without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
 
 
-MASS_MATRIX_QUANTITY = DynamicsQuantity(("mass_matrix",), ("S",))  # D6
+MASS_MATRIX_REQUEST = DynamicsRequest(("mass_matrix",), ("S",))  # D6
 # Inverse dynamics, D1-D5.
-FORCES_QUANTITY = DynamicsQuantity(
+FORCES_REQUEST = DynamicsRequest(
     INVERSE_DYNAMICS_OUTPUT_NAMES,
     ("S", "omega", "a", "alpha"),
     without_body1="; or pair.hinge_wrench, for which body 2 suffices",
 )
 # The wrench of body 1 on body 2, D3, D4.
-HINGE_WRENCH_QUANTITY = DynamicsQuantity(
+HINGE_WRENCH_REQUEST = DynamicsRequest(
     ("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
 )
-ACCELERATIONS_QUANTITY = DynamicsQuantity(
+ACCELERATIONS_REQUEST = DynamicsRequest(
     (*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega")
 )  # forward dynamics, D6
 # D7.
-ENERGY_QUANTITY = DynamicsQuantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM_QUANTITY = DynamicsQuantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
+ENERGY_REQUEST = DynamicsRequest(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
+MOMENTUM_REQUEST = DynamicsRequest(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
 
 
 def compute_quantity(
-    quantity: DynamicsQuantity,
+    request: DynamicsRequest,
     constants: Constants,
     bodies: Bodies,
     body1: BodyMotion,
     gravity: ArrayLike = GRAVITY,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """Compute the outputs of a DynamicsQuantity at all samples, and return them as writable arrays in the order of
-    `quantity.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid, psidd and
+    """Compute the outputs of a DynamicsRequest at all samples, and return them as writable arrays in the order of
+    `request.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid, psidd and
     loads are keyword arguments. The compiled call is cached in `constants.prepared`. Raise ArgumentError for unusable
     arguments and missing masses; issue a DynamicsWarning for assumed masses.
 
@@ -249,13 +249,13 @@ def compute_quantity(
     """
     fall = _DEFAULT_GRAVITY_ARRAY if gravity is GRAVITY else one_constant("gravity", gravity, 3)
     loads = {name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value for name, value in given.items()}
-    call: Call | None = constants.prepared.get(quantity)
+    call: Call | None = constants.prepared.get(request)
     if call is not None and type(body1) is BodyMotion:
-        state = call.fast_path(*(getattr(body1, letter) for letter in quantity.letters), fall, *loads.values())
+        state = call.fast_path(*(getattr(body1, letter) for letter in request.letters), fall, *loads.values())
         if state is not None:
             return writable_arrays(state).values()
-    massive = with_masses(quantity, constants, bodies)
-    values: dict[str, Any] = motion_arrays("body1", body1, *quantity.letters)
+    massive = with_masses(request, constants, bodies)
+    values: dict[str, Any] = motion_arrays("body1", body1, *request.letters)
     for name, value in loads.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
@@ -269,24 +269,24 @@ def compute_quantity(
             else value
         )
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION.shapes[name])] for name, v in values.items()}
-    plan = make_plan(quantity.outputs, None, "home" in constants.values, given_names=tuple(values))
+    plan = make_plan(request.outputs, None, "home" in constants.values, given_names=tuple(values))
     call = cached_call(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
-        constants.prepared[quantity] = call
+        constants.prepared[request] = call
     return writable_arrays(call.run(values, shapes)).values()
 
 
-def with_masses(quantity: DynamicsQuantity, constants: Constants, bodies: Bodies) -> Constants:
+def with_masses(request: DynamicsRequest, constants: Constants, bodies: Bodies) -> Constants:
     """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2); a body 1 that
-    `quantity` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
+    `request` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
     ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:
-        ArgumentError: a body that the quantity needs has no mass properties; names it.
+        ArgumentError: a body that the request needs has no mass properties; names it.
     """
-    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in quantity.bodies}
+    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in request.bodies}
     masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(
-        present, quantity.without_body1
+        present, request.without_body1
     )  # the same whatever is asked of a pair
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
@@ -318,7 +318,7 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
     still = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
     loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
     outputs = compute_quantity(
-        ACCELERATIONS_QUANTITY, constants, bodies, still, gravity=_ZERO_VECTOR_COMPONENTS, psi=0.0, psid=0.0, **loads
+        ACCELERATIONS_REQUEST, constants, bodies, still, gravity=_ZERO_VECTOR_COMPONENTS, psi=0.0, psid=0.0, **loads
     )
     make_accelerations(bodies, outputs)
 

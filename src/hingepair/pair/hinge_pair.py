@@ -403,7 +403,7 @@ class HingePair(Shown):
         if holds_dask(body1, psi):
             return self._lazily(self.mass_matrix, body1=body1, psi=psi)
         (matrix,) = dynamics.compute_quantity(
-            dynamics.MASS_MATRIX_QUANTITY, self.constants, self._bodies, body1, psi=psi
+            dynamics.MASS_MATRIX_REQUEST, self.constants, self._bodies, body1, psi=psi
         )
         return matrix
 
@@ -446,9 +446,7 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
         return Forces(
-            *dynamics.compute_quantity(
-                dynamics.FORCES_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
-            )
+            *dynamics.compute_quantity(dynamics.FORCES_REQUEST, self.constants, self._bodies, body1, gravity, **hinge)
         )
 
     def forward_dynamics(
@@ -502,7 +500,7 @@ class HingePair(Shown):
         if holds_dask(body1, loads, hinge):
             return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
         outputs = dynamics.compute_quantity(
-            dynamics.ACCELERATIONS_QUANTITY, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
+            dynamics.ACCELERATIONS_REQUEST, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
         )
         return dynamics.make_accelerations(self._bodies, outputs)
 
@@ -540,7 +538,7 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
         outputs = dynamics.compute_quantity(
-            dynamics.HINGE_WRENCH_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
+            dynamics.HINGE_WRENCH_REQUEST, self.constants, self._bodies, body1, gravity, **hinge
         )
         return HingeWrench(*outputs)
 
@@ -576,9 +574,7 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
         return Energy(
-            *dynamics.compute_quantity(
-                dynamics.ENERGY_QUANTITY, self.constants, self._bodies, body1, gravity, **hinge
-            )
+            *dynamics.compute_quantity(dynamics.ENERGY_REQUEST, self.constants, self._bodies, body1, gravity, **hinge)
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
@@ -606,7 +602,7 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.momentum, body1=body1, **hinge)
         return Momentum(
-            *dynamics.compute_quantity(dynamics.MOMENTUM_QUANTITY, self.constants, self._bodies, body1, **hinge)
+            *dynamics.compute_quantity(dynamics.MOMENTUM_REQUEST, self.constants, self._bodies, body1, **hinge)
         )
 
     def residuals(

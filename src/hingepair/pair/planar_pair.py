@@ -243,7 +243,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q):
             return self._lazily(self.mass_matrix, q=q)
-        (M,) = self._compute_quantity(dynamics.MASS_MATRIX_QUANTITY, {"q": q})
+        (M,) = self._compute_quantity(dynamics.MASS_MATRIX_REQUEST, {"q": q})
         return M[..., _PLANAR_INDICES_IN_SPATIAL_COORDINATES[:, None], _PLANAR_INDICES_IN_SPATIAL_COORDINATES]
 
     def inverse_dynamics(
@@ -277,7 +277,7 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
-        force1, torque1, hinge_torque = self._compute_quantity(dynamics.FORCES_QUANTITY, rows, gravity)
+        force1, torque1, hinge_torque = self._compute_quantity(dynamics.FORCES_REQUEST, rows, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(
@@ -306,7 +306,7 @@ class PlanarPair(Shown):
         if holds_dask(rows):
             return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
         force, torque, hinge_torque, bearing_torque = self._compute_quantity(
-            dynamics.HINGE_WRENCH_QUANTITY, rows, gravity
+            dynamics.HINGE_WRENCH_REQUEST, rows, gravity
         )
         return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
@@ -352,7 +352,7 @@ class PlanarPair(Shown):
         loads["hinge_torque"] = hinge_torque
         if holds_dask(q, qd, loads):
             return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
-        outputs = self._compute_quantity(dynamics.ACCELERATIONS_QUANTITY, {"q": q, "qd": qd}, gravity, **loads)
+        outputs = self._compute_quantity(dynamics.ACCELERATIONS_REQUEST, {"q": q, "qd": qd}, gravity, **loads)
         a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), outputs)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
@@ -380,7 +380,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
-        return Energy(*self._compute_quantity(dynamics.ENERGY_QUANTITY, {"q": q, "qd": qd}, gravity))
+        return Energy(*self._compute_quantity(dynamics.ENERGY_REQUEST, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
         """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). Raise ArgumentError if
@@ -404,17 +404,17 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.momentum, q=q, qd=qd)
-        linear, angular = self._compute_quantity(dynamics.MOMENTUM_QUANTITY, {"q": q, "qd": qd})
+        linear, angular = self._compute_quantity(dynamics.MOMENTUM_REQUEST, {"q": q, "qd": qd})
         return Momentum(linear[..., :2], angular[..., 2])
 
     def _compute_quantity(
         self,
-        quantity: dynamics.DynamicsQuantity,
+        request: dynamics.DynamicsRequest,
         coordinates: Mapping[str, Any],
         gravity: ArrayLike = PLANAR_GRAVITY,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """Return the spatial arrays of a DynamicsQuantity, such as forces with three components, in the order of its
+        """Return the spatial arrays of a DynamicsRequest, such as forces with three components, in the order of its
         outputs. `coordinates` are q, qd and qdd by name, gravity has two components, and planar loads are keyword
         arguments. Raise ArgumentError if a coordinate argument is None or a needed mass is missing.
         """
@@ -435,8 +435,8 @@ class PlanarPair(Shown):
         for name, value in loads.items():
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        massive = dynamics.with_masses(quantity, space.constants, (space.body1, space.body2))
-        return compute_arrays(massive, quantity.outputs, values, shapes, sequence="XYZ").values()
+        massive = dynamics.with_masses(request, space.constants, (space.body1, space.body2))
+        return compute_arrays(massive, request.outputs, values, shapes, sequence="XYZ").values()
 
 
 _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
