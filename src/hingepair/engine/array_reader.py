@@ -86,9 +86,10 @@ def call_descriptor(
     kernel: int,
     min_unlocked_samples: int,
 ) -> list[int]:
-    """Return the list of integers from which the machine code of `call_ir` learns which kernel to call, how many
-    arguments to expect, and how each argument is laid out. From `min_unlocked_samples` samples on, the machine code
-    releases the interpreter's lock (GIL).
+    """Return the list of integers that tell the machine code of `call_ir` the address of the kernel, how many
+    arguments to expect, and how each is laid out. `inputs` holds pairs (shape of one sample, index among the kernel's
+    inputs or -1), `outputs` the shapes of one sample; `has_constants` says that the kernel takes constants first.
+    From `min_unlocked_samples` samples on, the machine code releases the interpreter's lock (GIL).
 
     Args:
         inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that

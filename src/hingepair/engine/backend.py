@@ -33,7 +33,8 @@ _shared_code_compiled = False
 
 
 class Execution(NamedTuple):
-    """Execution policy of a call: the backend that computes it, and the number of threads (at least 1).
+    """Execution policy of a call: `backend` ("auto", "numpy" or "compiled") says what computes it, and `workers` is
+    the number of threads (at least 1).
 
     Attributes:
         backend: one of ACCEPTED_BACKENDS.
@@ -112,8 +113,9 @@ class BreakEvenCounter:
         return _COMPILE_SECONDS_PER_KERNEL + _COMPILE_SECONDS_PER_OPERATION * self.operations + first
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
-        """Add the estimated loss of one call by NumPy, and return whether compiling a kernel pays from now on. In a
-        scan, `chain_length` is the number of samples per chain, which NumPy computes one after the other.
+        """Add the estimated loss of one call by NumPy with so many samples, and return whether compiling a kernel
+        pays from now on. `chain_length` is the number of samples of each chain of a scan, which NumPy computes one
+        after the other, and 1 if there are no chains.
 
         Args:
             samples: number of samples of the call.
@@ -143,8 +145,8 @@ class BreakEvenCounter:
 
 @contextlib.contextmanager
 def compile_at_first_call() -> Iterator[None]:
-    """Make the backend "auto" compile a kernel at the first call within a `with` block (context manager). Earlier
-    calls do not count. It holds for the calling thread only.
+    """Make the backend "auto" compile a kernel at its first call within a `with` block (context manager), whatever
+    calls came before. It holds for the calling thread only.
 
     So results do not depend on earlier calls.
     """
@@ -164,8 +166,8 @@ def mark_shared_code_compiled() -> None:
 
 
 def disable_kernels(error: Exception) -> None:
-    """Stop the backend "auto" from compiling kernels in this process. The first call issues a RuntimeWarning that
-    quotes the error.
+    """Stop the backend "auto" from compiling kernels in this process. If kernels are not disabled yet, issue a
+    RuntimeWarning that quotes the error.
     """
     global _kernels_disabled  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
     if not _kernels_disabled:

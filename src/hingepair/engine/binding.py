@@ -49,8 +49,8 @@ class BoundInputs(NamedTuple):
 
 
 class BoundConstant(NamedTuple):
-    """An input that is equal at all samples, with its pattern and its constants. It is bound once and serves many
-    calls.
+    """An input that is equal at all samples: its value, its pattern (the source of each component) and its constants
+    (all components except the numbers 0, 1 and -1, which fold). It is bound once and serves many calls.
 
     Attributes:
         value: the input itself: a number, a tuple of numbers, or an array.
@@ -76,7 +76,8 @@ def bind(
     keep_single_samples: bool = False,
 ) -> BoundInputs:
     """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
-    `BoundInputs`. The inputs in `carried_names` are the values that a scan carries.
+    `BoundInputs`. input_shapes holds pairs (name, shape of one sample); carried_names are the inputs that a scan
+    carries. Arrays of one sample become constants unless keep_single_samples is true.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.
@@ -90,8 +91,8 @@ def bind(
     array_index_by_id: dict[int, int] = {}
 
     def bind_number(x: float) -> None:
-        """Append a numeric component to the lists of `bind`: to the pattern the number itself if it folds, else None
-        and the number to the constants.
+        """Append the number x, a component, to the lists of `bind`: if it is 0, 1 or -1, x itself to the pattern;
+        else None to the pattern and x to the constants.
         """
         known = _FOLDED_NUMBERS.get(x)
         pattern.append(known)
@@ -134,7 +135,8 @@ def bind(
 
 
 def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
-    """Return (pattern, constants, arrays) of inputs that are numbers or arrays of another library. Each of the arrays
+    """Return (pattern, constants, arrays) of the inputs in `values`, which are numbers and arrays of another library,
+    a vector being a tuple of them. input_shapes holds pairs (name, shape of one sample); each of the returned arrays
     is one component.
 
     The inputs are sorted by the rules of `bind`.
@@ -162,8 +164,8 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
 
 
 def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[NDArray[Any]]:
-    """Yield views of an array in which the last axis holds the components: one view if all components fit into one,
-    else several views.
+    """Yield views of an array in which the last axis holds the components of one sample. One view holds them all if
+    the strides allow that, else several views are yielded in order; `sample_shape` () adds an axis of length 1.
     """
     if not sample_shape:
         yield array[..., None]
@@ -206,9 +208,10 @@ def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides,
 @functools.lru_cache(maxsize=512)
 def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
     """Return the cached `ArrayLayout` of arrays that broadcast to the shape of the samples. Each of `array_forms` is
-    the pair (shape, strides [bytes]) of an array.
+    the pair (shape, strides [bytes]) of an array whose last axis holds components. The inner axis is the longest one;
+    if `is_scan` is true, it is the last one, along which the chains run.
 
-    The inner axis is the longest axis, or the last axis of chains; the outer axis is the longest of the others.
+    The outer axis is the longest of the others.
 
     Args:
         array_forms: shapes and strides [bytes] of the arrays.
@@ -237,7 +240,8 @@ def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], 
 
 def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return a tuple with an array's stride [bytes] along each axis of the samples; the stride is 0 where the array
-    is broadcast. `array_form` is the pair (shape, strides).
+    is broadcast. `array_form` is the pair (shape, strides) of the array, whose last axis, that of the components, is
+    left out.
     """
     lengths, strides = array_form
     own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
@@ -246,8 +250,8 @@ def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tupl
 
 def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
     """Merge neighbouring axes of the samples that every array steps through with one common stride. Return the list
-    of at least two lengths and the array of strides (array, axis).
-
+    of at least two lengths and the array of strides (array, axis). `shape` holds the lengths of the axes and
+    `strides` their strides, one row for each array.
     """
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
     for length, column in zip(shape, strides.T, strict=True):
@@ -270,8 +274,9 @@ def run_kernel(
     workers: int,
     is_scan: bool = False,
 ) -> None:
-    """Run a kernel, which writes the outputs of all samples into `outputs`. At most `workers` threads share the
-    samples of the inner axis; in a scan they share the chains.
+    """Run a kernel, which writes the outputs of all samples into `outputs`. kernel_function is the compiled function,
+    `layout` the `ArrayLayout` of the inputs and outputs, and `constants` an array or None. At most `workers` threads
+    share the samples of the inner axis; if `is_scan` is true, they share the chains.
 
     Args:
         kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).

@@ -42,8 +42,9 @@ _MIN_OPERATIONS_TO_RELEASE_GIL: Final = 100_000
 
 
 class Call:
-    """A loop with fixed constants, which is called with arrays of one state or of many. It chooses between a fast
-    path (machine code or generated Python) and the general path (`Loop.run`).
+    """A loop with fixed constants, which is called with arrays of one state or of many. A call is computed by the
+    function `fast_path` (generated Python for one state, or machine code) if that supports the arguments, else by
+    `Loop.run`.
 
     Args:
         loop: the loop to run.
@@ -116,8 +117,8 @@ class Call:
     # ---- the fast path
 
     def compile(self) -> None:
-        """Compile the kernel now and use it from now on. If that is not possible, issue a warning once and go on
-        computing with NumPy.
+        """Compile the kernel now and use its machine code in later calls. If that is not possible, issue a warning
+        once and go on without the kernel.
         """
         kernel = self.program.kernel_or_none(self._kernel_key)
         if kernel is not None:
@@ -135,8 +136,8 @@ class Call:
         return self.program.kernel(self._kernel_key)
 
     def _use_kernel(self, kernel: Kernel) -> None:
-        """Make the machine code of a kernel the fast path. Do nothing where the memory layout of arrays is unknown or
-        a shape is not supported.
+        """Set the attribute `fast_path` to a function that runs the machine code of this compiled kernel. Do nothing
+        if the memory layout of arrays is unknown or the shape of an argument or output is not supported.
         """
         if not self._fast_path_supported:
             return
@@ -155,8 +156,9 @@ class Call:
         self.fast_path = self._make_kernel_path(self._kernel_function)
 
     def _make_kernel_path(self, kernel_function: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Generate and return the function of the fast path that allocates the outputs, runs the machine code for one
-        state or a batch, and returns the results; None for unsupported arguments.
+        """Return a generated Python function that takes the arguments of a call in order and returns its results, or
+        None if they are not supported. It allocates the outputs, runs kernel_function, the machine code, for one
+        state or a batch along one axis, and checks the limits.
         """
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
@@ -180,8 +182,9 @@ class Call:
         return self._execute_source(source, "one", kernel_function=kernel_function)
 
     def _make_python_path(self) -> Callable[..., Any]:
-        """Generate and return the Python function of the fast path for one state. It returns None for arguments other
-        than float64 arrays and floats of one state, and switches to a compiled kernel when compiling one pays.
+        """Return a generated Python function that takes the arguments of one state in order and returns its results
+        without machine code. It returns None unless the arguments are float64 arrays or floats of one state, and
+        compiles the kernel and switches to it when that pays.
         """
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
@@ -213,8 +216,9 @@ class Call:
         return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
 
     def _result_lines(self, arguments: str, leading_shape: str) -> list[str]:
-        """Return the lines of generated source that check the limits and return the result. `arguments` and
-        `leading_shape` are source text: the names of the arguments, and "samples, " for a batch.
+        """Return the list of the lines of generated source that check the limits and return the result. `arguments`
+        and `leading_shape` are source text: the names of the arguments, and "samples, " for a batch or "" for one
+        state.
 
         Args:
             arguments: the names of the arguments in the source.
@@ -236,8 +240,8 @@ class Call:
         return [*source, "    return result"]
 
     def _execute_source(self, source_lines: list[str], function_name: str, **values: Any) -> Callable[..., Any]:
-        """Execute generated source lines, and return the function with the given name that they define. The further
-        `values` are the global variables of the source.
+        """Execute generated source lines, and return the function with the given name that they define. Keyword
+        arguments become global variables of the source, beside those that all sources use.
 
         Args:
             source_lines: the lines of the source.
@@ -259,7 +263,9 @@ class Call:
         return function
 
     def _switch_to_kernel(self, *arguments: Any) -> Any:
-        """Compile the kernel, make it the fast path, and return its results for these arguments."""
+        """Compile the kernel, make its machine code the fast path, and return its results for the positional
+        arguments. Raises an error if compiling fails.
+        """
         self._use_kernel(self.program.kernel(self._kernel_key))
         return self.fast_path(*arguments)
 
@@ -273,9 +279,10 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for checked arguments of one state or of many. Outputs named in `out` are written into
-        its arrays, and a kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of
-        `out` does not fit, or a limit is exceeded.
+        """Return the results for checked arguments, `values`, of one state or of many; `shapes` are their leading
+        shapes. Outputs named in `out` are written into its arrays, `dtype` None means that of the values, and a
+        kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of `out` does not fit,
+        or a limit is exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -302,8 +309,8 @@ class Call:
         return self._make_result(arrays, shape)
 
     def _make_result(self, arrays: Mapping[str, Any], shape: ArrayShape) -> Any:
-        """Return arrays of outputs as a result object of this shape; return the only output itself if the call has no
-        result class.
+        """Return a result object with this leading shape, made of arrays of outputs by name. If the call has no
+        result class, return the array of its only output instead.
         """
         if self.result is None:
             return arrays[self.outputs[0]]
@@ -312,8 +319,9 @@ class Call:
     def _run_fast_path(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
-        """Return the results of the fast path, with outputs written into `out` if it is given; return None if the
-        arguments are not supported. Compiles the kernel when that pays.
+        """Return the results as the function `fast_path` (generated Python or machine code) computes them, written
+        into `out` if that is given; return None if it does not support the arguments. `values` are the arguments and
+        `shapes` their leading shapes; `dtype` None means that of the values. Compiles the kernel when that pays.
         """
         single = not any(shapes.values())
         if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
@@ -339,11 +347,9 @@ class Call:
         return result
 
     def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
-        """Run the machine code with `out` as its output arrays, and return the result. Return None, with nothing
-        written, if the arguments or arrays are not supported or no kernel is in use. Raises an error if a limit is
-        exceeded.
-
-        Where None is returned, nothing has been written.
+        """Run the machine code on the arguments, in order, with the arrays of `out` as its outputs, and return the
+        result. Return None, with nothing written, if the arguments or arrays are not supported or no kernel is in
+        use. Raises an error if a limit is exceeded.
 
         Args:
             arguments: the arguments in order.
@@ -365,8 +371,8 @@ class Call:
         return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
 
     def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
-        """Copy the results of one state into the arrays of `out`, and return the result that holds these arrays.
-        Raises an error if an array of `out` does not fit.
+        """Copy `result`, the results of one state, into the arrays of `out`, and return a result that holds these
+        arrays. Raises an error if an array of `out` does not fit or overlaps another.
         """
         arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():
@@ -438,14 +444,17 @@ class Call:
                 self._on_limit(arguments)
 
     def _refuse_arguments(self, *arguments: Any) -> None:
-        """Call `on_limit`, which raises an error, with the arguments by name."""
+        """Call `on_limit`, which raises an error, with a dictionary of the positional arguments by name. Do nothing
+        if there is no `on_limit`.
+        """
         if self._on_limit is not None:
             self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
 def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library: Library) -> Any:
-    """Return the components of an input as numbers and arrays of a library: a tuple, or the only component of a
-    scalar.
+    """Return the components of an input as numbers and arrays of a library: a tuple, or the only component if
+    sample_shape is (). `value` is a number, a tuple of components, or an array of NumPy, which is converted, or of
+    the library; `name` is the input's name in messages.
     """
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
@@ -460,8 +469,8 @@ def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library
 
 @functools.cache
 def _register_for_jax(result_class: Any) -> None:
-    """Register a class of results as a JAX pytree, once in the process, so that functions of JAX take and return
-    results.
+    """Register a class of results as a JAX pytree, so that functions of JAX take and return such results. Further
+    calls for the class do nothing.
     """
     from jax.tree_util import register_pytree_node
 
@@ -508,8 +517,9 @@ def output_buffers(
     out: Out,
     values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
-    """Return a dictionary with the array to write each output into: the array of `out` after checks, else a new one.
-    Raises an error if an array of `out` does not fit or overlaps an input.
+    """Return a dictionary with the array to write each output into: the array of `out` after checks, else a new,
+    uninitialised one. sample_shapes holds pairs (name, shape of one sample), and `shape` is the leading shape. Raises
+    an error if an array of `out` does not fit, or overlaps another or one of the inputs in `values`.
 
     Args:
         sample_shapes: shape of one sample of each output, by name.
@@ -545,8 +555,8 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
 
 
 def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
-    """Raise an error if an array of `out` shares memory with an input or with another output. The computation would
-    read values that it has overwritten.
+    """Raise an error if an array of `out` shares memory with another of them or with one of the `inputs`, a
+    dictionary by name. The computation would read values that it has overwritten.
     """
     others = [
         (name, c, c.flags.owndata)

@@ -67,7 +67,8 @@ class ComponentGroup(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """The values that a scan carries from each sample to the next: those before a sample and those after it.
+    """The values that a scan carries from each sample to the next: `before` holds the traced inputs of a sample,
+    `after` the results that become these inputs at the next sample.
 
     Attributes:
         before: the traced inputs; their values at the first sample are inputs of the kernel.
@@ -79,8 +80,9 @@ class Carry(NamedTuple):
 
 
 class KernelStep(NamedTuple):
-    """One LLVM function of a kernel's program, with the input components that it loads. It computes either a list of
-    values, or the sines of a list of angles by a shared function.
+    """One LLVM function of a kernel's program: its `name`, the values to compute (`lines`), and the input components
+    to load (`loads`, lists of their indices by input). If `lines` is empty, it may be a step that computes the sines
+    of `angles` by a shared function.
 
     Attributes:
         name: name of the LLVM function.
@@ -157,8 +159,9 @@ class Arithmetic:
     # ---- the order of the operations
 
     def _fused_product(self, value: TracedValue) -> TracedValue | None:
-        """Return the product that is fused with a sum or difference into one FMA instruction, or None. If both
-        operands are products, the second is fused.
+        """Return the product that is fused with a sum or difference, `value`, into one FMA instruction. Return None
+        if `value` is another operation, has no product, or nothing is fused; if both operands are products, the
+        second is fused.
         """
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
@@ -167,8 +170,8 @@ class Arithmetic:
         return None
 
     def _operands_of(self, value: TracedValue) -> list[TracedValue]:
-        """Return the list of traced values that the code of an operation reads. A fused product is replaced by its
-        factors.
+        """Return the list of traced values that the code of an operation, `value`, reads. A fused product and the
+        comparison of a choice are replaced by their operands; sine, cosine and versine read their angle only.
         """
         read = list(value.operands)
         if value.operation in SINE_OPERATION_NAMES:
@@ -183,8 +186,9 @@ class Arithmetic:
         return [one for one in read if isinstance(one, TracedValue)]
 
     def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Split values into steps, and return the list of steps, whose names are a prefix and a number. A step of
-        sines comes as early as its angles allow. Also records which values are the sines of each angle.
+        """Split traced values into steps, and return the list of `KernelStep`, whose names are name_prefix ("once" or
+        "block") and a number. Steps of sines come as early as their angles allow; steps "block" begin and end with
+        arithmetic. Also records which values are the sines of each angle.
         """
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
@@ -331,15 +335,17 @@ class Arithmetic:
         return f.pointer_at("%frame", number * LANE_COUNT * self.number_bytes)
 
     def store_slot(self, f: FunctionBuilder, number: int, value: str) -> None:
-        """Append to the function `f` the store of a vector into the slot with this number."""
+        """Append to the function `f` the store of a vector, whose name is `value`, into the slot of the frame with
+        this number.
+        """
         f.do(
             f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANE_COUNT * self.number_bytes}"
         )
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
-        """Return a list with the byte offset in the frame of each component of a wide output, in tiles of eight. In a
-        tile whose components are all one constant, the first offset is stored as its bitwise complement (~) as a
-        mark.
+        """Return a list with the byte offset in the frame of each component of `group`, a wide output, in tiles of
+        eight; the last tile may overlap the one before. If all components of a tile are one constant, its first
+        offset is stored as its bitwise complement (~) as a mark.
 
         The shared function `rows` takes them.
         """
@@ -378,8 +384,9 @@ class Arithmetic:
         return sorted(self._lanewise)
 
     def _step_function(self, step: KernelStep) -> str:
-        """Return the LLVM function of a step of arithmetic, as text. The function reads and writes the frame and
-        stores narrow outputs; intrinsics that it calls are added to the declarations.
+        """Return the LLVM function of a step of arithmetic, as text. The function reads and writes the frame, loads
+        inputs and stores narrow outputs; the intrinsics and C functions that it calls are recorded for the
+        declarations.
         """
         self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
         self._names: dict[int, tuple[str, int]] = {}
@@ -425,7 +432,9 @@ class Arithmetic:
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
-        """Append the instructions that compute a traced value, and return the name of the result."""
+        """Append the instructions that compute a traced value to the function being built, and return the name of the
+        result.
+        """
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
             condition, *both = value.operands
@@ -442,8 +451,8 @@ class Arithmetic:
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Return the name of the result of a comparison a < b. Appends the comparison if the function does not
-        contain it yet.
+        """Return the name of the result of `condition`, a traced comparison a < b. Appends the comparison if the
+        function being built does not contain it yet.
         """
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
@@ -468,14 +477,17 @@ class Arithmetic:
         return self._call_intrinsic("fma", [x, y, rest], value.name)
 
     def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append a call of an LLVM intrinsic, record its declaration, and return the name of the result."""
+        """Append a call of an LLVM intrinsic, such as "fma", on operands given as names of vectors, and return the
+        name of the result. Records the intrinsic's declaration; `comment` is written behind the instruction.
+        """
         kind, full = self.vector, f"@llvm.{name}.v{LANE_COUNT}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
     def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append a call that applies a function of the C library to each lane, in double precision. Record the
-        function's name, and return the name of the resulting vector.
+        """Append a call that applies a function of the C library, in double precision, to each lane of operands given
+        as names of vectors, and return the name of the resulting vector. Records the function's name; `comment` is
+        written behind the instruction.
         """
         self._lanewise.add(name)
         if self.number_bytes == 4:
@@ -489,8 +501,9 @@ class Arithmetic:
     # ---- narrow inputs and outputs
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Append the loads of some components of an input for eight samples, by one scalar load for each lane. The
-        vectors are recorded as the components' values.
+        """Append the loads of some components, given by their indices, of one input for eight samples, by one scalar
+        load for each lane. The vectors are recorded as the components' values and stored in their slots of the frame,
+        if they have any.
         """
         f, word = self._f, 8 * self.word_offsets[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANE_COUNT)
@@ -506,7 +519,9 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Append the stores of eight samples of a narrow output, whose rows follow each other in memory."""
+        """Append the stores of eight samples of one narrow output, whose rows follow each other in memory at an
+        address that the kernel has set.
+        """
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
@@ -520,8 +535,9 @@ class Arithmetic:
     def _pack_numbers(
         self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
     ) -> str:
-        """Append the shuffles that collect eight consecutive numbers of an output's block of rows in memory order,
-        beginning with number `first_number` of the block. Return the name of the vector.
+        """Append the shuffles that collect eight consecutive numbers of an output's block of rows, from number
+        `first_number` on, and return the name of the vector. sample_vectors holds for each sample the vectors of
+        eight of its components each, and remaining_vectors the vectors, over all samples, of the last components.
 
         Args:
             sample_vectors: for each sample, vectors that hold eight of its components each.
@@ -547,8 +563,8 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a long list of values into parts of about equal length. Return pairs of a part and an empty list, which
-    stands for the angles of a step.
+    """Split a long list of traced values into parts of about equal length; a short one is one part, an empty one
+    none. Return a list of pairs of a part and an empty list, which stands for the angles of a step.
     """
     count = (
         -(-len(lines) // _MAX_OPERATIONS_PER_SPLIT_STEP)

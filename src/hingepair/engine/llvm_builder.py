@@ -48,8 +48,8 @@ class FunctionBuilder:
         return "\n".join([*self._lines, "}"])
 
     def put(self, code: str, comment: str = "") -> str:
-        """Append an instruction that computes a value, and return the new name of the value. The comment is written
-        behind the instruction.
+        """Append an instruction that computes a value, given as LLVM IR (`code`), and return the new name of the
+        value. The comment is written behind the instruction.
         """
         self._count += 1
         name = f"%v{self._count}"
@@ -66,14 +66,16 @@ class FunctionBuilder:
         self._block = label
 
     def new_labels(self, *kinds: str) -> list[str]:
-        """Return a list of new labels, one for each kind, which are unique in the function."""
+        """Return a list of new labels, which are unique in the function: one for each of the positional arguments,
+        with which it begins.
+        """
         self._count += 1
         return [f"{kind}.{self._count}" for kind in kinds]
 
     @contextmanager
     def loop(self, stop: str, start: str = "0", step: str = "1") -> Iterator[str]:
         """Append a loop around the instructions of the `with` block (context manager), and yield the name of its
-        64-bit counter. The loop ends before `stop`.
+        64-bit counter. The counter begins at `start` and grows by `step`; the loop ends before it reaches `stop`.
 
         Args:
             stop: the value at which the loop ends; it is not reached.
@@ -97,8 +99,8 @@ class FunctionBuilder:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """Append a branch around the instructions of the `with` block (context manager), which run only if a
-        condition holds.
+        """Append a branch around the instructions of the `with` block (context manager), which run only if the
+        condition, the name of an LLVM value of one bit, is true.
         """
         then, done = self.new_labels("then", "done")
         self.do(f"br i1 {condition}, label %{then}, label %{done}")
@@ -109,8 +111,8 @@ class FunctionBuilder:
 
     @contextmanager
     def when_else(self, condition: str) -> Iterator[Callable[[], None]]:
-        """Append an if-else branch around the instructions of the `with` block (context manager). Calling the yielded
-        function ends the first branch and begins the second.
+        """Append an if-else branch around the instructions of the `with` block (context manager); `condition` is the
+        name of an LLVM value of one bit. Calling the yielded function ends the first branch and begins the second.
         """
         then, other, done = self.new_labels("then", "other", "done")
         self.do(f"br i1 {condition}, label %{then}, label %{other}")
@@ -136,8 +138,8 @@ class FunctionBuilder:
         return start if offset in {0, "0"} else self.put(f"getelementptr i8, ptr {start}, i64 {offset}")
 
     def load_word(self, start: str, offset: int, kind: str = "i64") -> str:
-        """Append the load of a 64-bit integer, or of a pointer (kind "ptr"), `offset` bytes after an address, and
-        return its name.
+        """Append the load of a 64-bit integer, or of a pointer (kind "ptr"), `offset` bytes after the address
+        `start`, and return the name of the loaded value.
         """
         return self.put(f"load {kind}, ptr {self.pointer_at(start, offset)}, align 8")
 
@@ -179,8 +181,8 @@ class FunctionBuilder:
         )
 
     def transpose(self, vector_type: str, vectors: list[str]) -> list[str]:
-        """Append the transpose of an 8 x 8 block of numbers, given as eight vectors, and return the list of the names
-        of the eight resulting vectors.
+        """Append the transpose of an 8 x 8 block of numbers, given as the names of eight vectors of this LLVM type,
+        and return the list of the names of the eight resulting vectors.
         """
         for step in (1, 2, 4):
             low = [m if not m & step else LANE_COUNT + m - step for m in range(LANE_COUNT)]

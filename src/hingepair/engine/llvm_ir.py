@@ -54,8 +54,8 @@ def kernel_ir(
     carry: Carry | None = None,
 ) -> str:
     """Return the LLVM module, as text, of the function `kernel(table, outer, inner)`, which computes outer times
-    inner samples. `single` chooses float32 arithmetic, `fuse` fused multiply-adds, and `carry` a scan instead of a
-    map.
+    inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array, `single` chooses float32, `fuse`
+    fused multiply-adds, and `carry`, the carried values, a scan instead of a map.
 
     Args:
         inputs: groups of input components, in the order of the table's rows.
@@ -106,7 +106,9 @@ class _KernelBuilder:
         return name
 
     def call_shared(self, function: str, *arguments: str) -> None:
-        """Append the call of a shared function, given by its short name, with arguments in LLVM IR."""
+        """Append the call of a shared function, given by its short name. Its arguments, LLVM IR text, are the further
+        positional arguments.
+        """
         self.f.do(f"call void {shared_name(function, self.arithmetic.number)}({', '.join(arguments)})")
 
     def write_kernel(self) -> None:
@@ -154,8 +156,9 @@ class _KernelBuilder:
         f.do("ret void")
 
     def write_direct_blocks(self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter]) -> str:
-        """Append the loop over complete blocks of eight samples whose rows go directly into the outputs. Return the
-        name of the index of the first sample that is left.
+        """Append the loop over complete blocks of eight samples whose rows go directly into the outputs; it runs only
+        if all outputs are contiguous and none is streamed. Return the name of the index of the first sample that is
+        left.
         """
         f = self.f
         direct = "true"
@@ -255,8 +258,8 @@ class _InputReader:
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the input's address at an outer sample. In a scan, the outer sample is the first
-        of eight chains.
+        """Append the computation of the input's address at an outer sample, and keep its name in `base`. In a scan,
+        the outer sample is the first of eight chains.
         """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
@@ -363,8 +366,8 @@ class _OutputWriter:
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the output's address at an outer sample. In a scan, the outer sample is the first
-        of eight chains.
+        """Append the computation of the output's address at an outer sample, and keep its names in `start` and
+        `base`. In a scan, the outer sample is the first of eight chains.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
@@ -379,8 +382,9 @@ class _OutputWriter:
         self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
     def begin_samples(self, inner_index: str, samples_left: str) -> None:
-        """Append the choice of where the rows of a block are written: into the output, or first into the stage, which
-        is a buffer on the stack.
+        """Append the choice of where the rows of the block at `inner_index` are written: into the output, or first
+        into the stage, a buffer on the stack. The first `samples_left` of its eight samples exist. Keeps the names of
+        index, address and choice in attributes for `write_samples`.
         """
         f = self.f
         self.i, self.to, self.rest = inner_index, self.row(inner_index), samples_left
@@ -391,8 +395,8 @@ class _OutputWriter:
         self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
     def flush(self, inner_index: str, sample_count: str, is_last: str) -> None:
-        """Append the copy, by streaming stores, of samples from the stage to the output from `inner_index` on.
-        `is_last` is the LLVM condition that nothing follows.
+        """Append the copy, by streaming stores, of `sample_count` samples from the stage to the output from
+        `inner_index` on. `is_last` is the LLVM condition that nothing follows.
         """
         f = self.f
         at = f.put(f"add i64 {self.start}, {f.multiply(inner_index, self.row_bytes)}")
@@ -400,8 +404,8 @@ class _OutputWriter:
         self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {is_last}")
 
     def write_rows(self, target_address: str, is_filled: str) -> None:
-        """Append the stores of a block's rows from the frame to an address. `is_filled` is the LLVM condition that
-        the rows already contain the constants.
+        """Append the stores of a block's eight rows from the frame to target_address. `is_filled` is the LLVM
+        condition that the rows there already contain the constants.
         """
         target = f"ptr {target_address}, i64 {self.row_bytes}, i1 {is_filled}"
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")

@@ -68,8 +68,8 @@ def memory_functions(float_type: str) -> list[str]:
 
 
 def _begin_function(name: str, float_type: str) -> FunctionBuilder:
-    """Return the builder of a shared memory function, begun with its signature, for numbers of type "double" or
-    "float".
+    """Return the builder of the shared memory function with this short name, begun with its signature, for numbers of
+    type "double" or "float".
     """
     return FunctionBuilder(f"void {shared_name(name, float_type)}({LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION[name]})")
 
@@ -88,8 +88,8 @@ def _lanes_function(float_type: str, _: int) -> str:
 
 
 def _lane_offsets(f: FunctionBuilder) -> list[str]:
-    """Append the computation of the byte offset of the sample in each of the lanes 1 to 7 from the sample in lane 0;
-    it is 0 beyond the last sample. Return the list of the names of the offsets.
+    """Append to the function `f` the computation of the byte offset of the sample in each of the lanes 1 to 7 from
+    the sample in lane 0; it is 0 beyond the last sample. Return the list of the names of the offsets.
     """
     inside = [f.put(f"icmp slt i64 {k}, %rest") for k in range(1, LANE_COUNT)]
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]

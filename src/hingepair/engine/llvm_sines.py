@@ -110,8 +110,8 @@ def _sines_function(number: str) -> str:
 
 
 def _store_terms(f: FunctionBuilder, number: str, terms: Sequence[str], target: str) -> None:
-    """Append stores of vectors of doubles, one behind the other from the address `target` on. For the number type
-    "float" the vectors are rounded first.
+    """Append to the function `f` stores of the vectors of doubles named in `terms`, one behind the other from the
+    address `target` on. If the number type is "float", the vectors are rounded first.
     """
     size, vector = (8 if number == "double" else 4), f"<{LANE_COUNT} x {number}>"
     for j, term in enumerate(terms):
@@ -126,8 +126,8 @@ def _load_constant(f: FunctionBuilder, number: float) -> str:
 
 
 def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
-    """Append the computation of sine, cosine and 1 - cosine of a vector x of angles up to `_MAX_REDUCIBLE_ANGLE_RAD`,
-    and return the names of the three vectors.
+    """Append to the function `f` the computation of sine, cosine and 1 - cosine of a vector x of angles [rad] up to
+    `_MAX_REDUCIBLE_ANGLE_RAD`, and return the names of the three vectors.
     """
     put = f.put
     integers = f"<{LANE_COUNT} x i64>"
@@ -140,8 +140,8 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
         return put(f"call {DOUBLE_VECTOR_TYPE} @llvm.fma.v{LANE_COUNT}f64({factors})")
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
-        """Append the evaluation of a polynomial of the vector z by Horner's scheme, highest power first, and return
-        the name of the result.
+        """Append the evaluation of a polynomial of the vector z by Horner's scheme, and return the name of the
+        result. The coefficients are numbers, that of the highest power first.
         """
         value = constant(coefficients[0])
         for c in coefficients[1:]:
@@ -196,8 +196,8 @@ def _large_angles_function() -> str:
 
 
 def lanewise_function(name: str) -> str:
-    """Return LLVM code that declares a function of the C library with two arguments, and defines a function that
-    calls it for each lane of two vectors.
+    """Return LLVM code that declares the function of the C library with this name, which takes two doubles, and
+    defines a function that calls it for each lane of two vectors.
     """
     f = FunctionBuilder(
         f"internal {DOUBLE_VECTOR_TYPE} @lanes.{name}({DOUBLE_VECTOR_TYPE} %a, {DOUBLE_VECTOR_TYPE} %b) noinline"

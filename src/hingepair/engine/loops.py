@@ -119,9 +119,9 @@ class Loop:
     def run(
         self, values: Mapping[str, Any], out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Compute the outputs of all samples from inputs by name, and write them into the arrays of `out`, whose
-        shape is (*shape, *shape of one sample). May compile a kernel; the backend "compiled" raises an error if that
-        fails.
+        """Compute the outputs of all samples from `values`, the inputs by name, and write them into the arrays of
+        `out`, whose shape is (*shape, *shape of one sample). `execution` holds the backend and the number of threads.
+        May compile a kernel; the backend "compiled" raises an error if that fails.
 
         Args:
             values: inputs by name: arrays with the components last, or tuples of components; a component is a number
@@ -139,7 +139,8 @@ class Loop:
         self.program(bound.pattern).run(bound, out, shape, dtype, execution)
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
-        """Return a dictionary of outputs computed by another array library; each output is a tuple of its components.
+        """Return a dictionary of outputs computed by another array library from `values`, the inputs by name. Each
+        output is a tuple of its components, also if it is a scalar.
 
         Args:
             values: inputs by name: numbers and arrays of the library, vectors as tuples of numbers and arrays.
@@ -153,8 +154,8 @@ class Loop:
 
 
 class OperationCounts(NamedTuple):
-    """Numbers of operations of a program: those done for each sample, those done once for all samples, and those of
-    the program without known inputs.
+    """Numbers of operations of a program: `per_sample` counts those done for each sample, `shared` those done once
+    for all samples, and `unfolded` those of the program without known inputs.
 
     Attributes:
         per_sample: operations for each sample.
@@ -224,8 +225,9 @@ class Program:
     def run(
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Compute the outputs from bound inputs by NumPy, Python or a kernel, as the execution policy says, and write
-        them into the arrays of `out`. May compile a kernel; the backend "compiled" raises an error if that fails.
+        """Compute the outputs from `bound`, the bound inputs, by NumPy, Python or a kernel, as `execution` says, and
+        write them into the arrays of `out`; `shape` is that of the samples. May compile a kernel; the backend
+        "compiled" raises an error if that fails.
         """
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
@@ -265,8 +267,9 @@ class Program:
         )
 
     def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Add a call to the break-even count, and return the kernel if it exists or if compiling it pays now; else
-        return None. Warns and returns None if the kernel cannot be compiled.
+        """Return the kernel with this key if it exists; else count a call of so many samples, compile the kernel if
+        that pays now, and return it or None. `samples` is 0 for one state that Python computes; chain_length is the
+        number of samples of each chain of a scan. Warns and returns None if compiling fails.
 
         `backend.BreakEvenCounter` decides when compiling pays.
 
@@ -290,8 +293,8 @@ class Program:
         return self._kernels.get(key)
 
     def kernel_or_none(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel, compiled if necessary. If it cannot be compiled, warn once and return None; the backend
-        "auto" does not try again.
+        """Return the kernel with this key, compiled if necessary. If it cannot be compiled, warn once and return
+        None; the backend "auto" does not try again.
         """
         try:
             return self.kernel(key)
@@ -323,8 +326,9 @@ class Program:
         return kernel
 
     def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
-        """Return the LLVM IR of a kernel, as text. `uniform` says which input arrays are equal for all inner samples,
-        `widths` are the numbers of components of the output arrays, and `fuse` allows fused multiply-adds.
+        """Return the LLVM IR of a kernel, as text. `uniform` says for each input array whether it is equal for all
+        inner samples, `widths` are the numbers of components of the output arrays, dtype_char is "d" (float64) or "f"
+        (float32), and `fuse` allows fused multiply-adds.
 
         Args:
             uniform: for each input array, whether it stays the same along the inner axis.
@@ -354,8 +358,9 @@ class Program:
         dtype: np.dtype[Any],
         workers: int,
     ) -> None:
-        """Compute the outputs by NumPy, in blocks shared by threads, and write them into `targets`. Without input
-        arrays, float64 outputs are computed once in Python floats.
+        """Compute the outputs from the bound inputs by NumPy, in blocks of samples shared by at most `workers`
+        threads, and write them into `targets`, views of the outputs with the components last. Without input arrays,
+        float64 outputs are computed once in Python floats.
         """
         if not bound.arrays and dtype == np.float64:
             results = self.floats_function(*bound.constants)
@@ -372,7 +377,9 @@ class Program:
         function = self.arrays_function
 
         def run_blocks(blocks: Sequence[Block]) -> None:
-            """Compute blocks of samples one after the other, and write them into the outputs."""
+            """Compute blocks of samples, given by their indices, one after the other, and write them into the
+            outputs.
+            """
             with np.errstate(all="ignore"):
                 for block in blocks:
                     results = function(*constants, *(load(array, block, dtype) for array in inputs))
@@ -490,7 +497,8 @@ class Program:
         dtype: np.dtype[Any],
     ) -> None:
         """Run a scan by NumPy, for all chains at once and one sample after the other, and write the results into
-        `outputs`.
+        `outputs`. `inputs` and `outputs` hold one array for each component; the last axis of `shape` is that along
+        the chains.
         """
         names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]

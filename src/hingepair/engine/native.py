@@ -54,8 +54,9 @@ class Kernel:
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
-    """Return a built-in function that calls a kernel with arrays, as a descriptor says, and keeps the kernel alive.
-    The first call compiles the code that reads arrays; raises an error if that fails.
+    """Return a built-in function that calls a kernel with arrays, and keeps the kernel alive. `descriptor` is the
+    list of integers that `call_descriptor` returns. The first call compiles the code that reads arrays; raises an
+    error if that fails.
 
     Args:
         kernel: the kernel to call.

@@ -25,8 +25,8 @@ _NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
 
 
 def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[Operand]) -> str:
-    """Return the source of a Python function that computes the traced results from the inputs and returns them as one
-    flat tuple.
+    """Return the source of a Python function with this name that takes the traced inputs and returns the traced
+    results, each computed from the inputs, as one flat tuple.
 
     A value that is used once is written where it is used, unless its expression is long or it has a name. Names may
     be any text: characters that are not allowed in an identifier are replaced by underscores.
@@ -54,8 +54,8 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Compile the source of a function and return a function of Python floats. It returns a tuple of floats and never
-    raises an arithmetic error.
+    """Execute the source of the function with this name, and return the function for Python floats. It returns a
+    tuple of floats and never raises an arithmetic error.
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
@@ -75,15 +75,15 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Compile the source of a function and return a function of NumPy arrays and numbers. It returns a tuple of
-    arrays.
+    """Execute the source of the function with this name, and return the function for NumPy arrays and numbers. It
+    returns a tuple of arrays.
     """
     return _compile_function(name, source, _NUMPY_FUNCTION_BY_NAME)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Compile the source of a function and return a function of numbers and arrays of another array library, which
-    the library can differentiate. It returns a tuple.
+    """Execute the source of the function with this name, and return the function for numbers and arrays of another
+    array library, which the library can differentiate. It returns a tuple.
     """
 
     def library_or_float(function: str) -> Callable[..., Any]:
@@ -189,8 +189,8 @@ def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) ->
 
 
 def _parenthesise(part: tuple[str, int], precedence: int) -> str:
-    """Return the source of a pair (Python source, precedence), in parentheses if its precedence is below the given
-    precedence.
+    """Return the source of `part`, a pair (Python source, its precedence), in parentheses if that precedence is below
+    the given one.
     """
     return part[0] if part[1] >= precedence else f"({part[0]})"
 

@@ -118,8 +118,8 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results of a class, made of arrays by name. An array in `replacements` takes the place of the array with
-    its name.
+    """Return results of a class, made of arrays by name, with this leading shape. An array in `replacements` takes
+    the place of the array with its name.
     """
     return result_class({**arrays, **replacements}, shape)
 

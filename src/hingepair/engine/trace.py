@@ -133,8 +133,9 @@ class Trace:
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Return the traced value of an operation on operands. The operation is recorded unless it has been recorded
-        before.
+        """Return the traced value of an operation, whose operands are the further positional arguments: traced values
+        and numbers. The operation is recorded unless it has been recorded before; sums and products also count as
+        recorded with their operands swapped.
         """
         key = (operation, *operands)
         value = self._recorded.get(key)
@@ -176,7 +177,7 @@ def operation_count(values: Iterable[TracedValue], varying: bool | None = None) 
 
 
 def square_root(x: Any) -> Any:
-    """Return the square root of a number or array. For a traced value, record the operation and return its traced
+    """Return the square root of a number or array x. For a traced value, record the operation and return its traced
     result.
     """
     if isinstance(x, TracedValue):
@@ -199,8 +200,8 @@ def hypotenuse(x: Any, y: Any) -> Any:
 
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """If an operand is traced, record the named operation and return its traced result. Otherwise return the value of
-    the NumPy function of both operands.
+    """Return the value of `function`, a function of NumPy, at a and b. If one of them is a traced value, record the
+    operation with this name instead and return its traced result.
     """
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)
@@ -208,8 +209,8 @@ def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` where a < b, and `otherwise` elsewhere and where a or b is NaN. For traced values the choice is
-    recorded; tuples are chosen component by component.
+    """Return `then` if a < b, else `otherwise`, also if a or b is NaN; of arrays, element by element. For traced
+    values the choice is recorded; tuples are chosen component by component.
     """
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
@@ -234,8 +235,8 @@ def component_name(name: str, k: int, count: int) -> str:
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Give the traced components of a result names for generated code, except for components that have a name
-    already.
+    """Name the traced components of a value, a scalar or a tuple, for generated code: by `labels`, or by `name` and a
+    suffix if that is None. Components that have a name already keep it.
     """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
