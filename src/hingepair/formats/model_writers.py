@@ -68,7 +68,9 @@ def to_urdf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
 ) -> str:
-    """Return a pair or a robot as URDF text. Warn of properties that URDF cannot hold. Equal pairs give equal texts.
+    """Return a HingePair or a Mechanism as URDF text; equal pairs give equal texts. `base` is "free", "floating" or
+    "fixed". `hinge_torque` (a HingeLoad) and `body1` (a fixed pose of body 1) are only for pairs. Warn of properties
+    that URDF cannot hold.
 
     For a pair, the text has three links:
 
@@ -88,8 +90,8 @@ def to_urdf(
     a `DynamicsWarning` names the joints that have rotors.
 
     Args:
-        pair: a `HingePair`, whose limits, torque_limit, rate_limit, body1 and body2 are written if given; or a
-            `Mechanism`.
+        pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
+            are written if given; or a `Mechanism`.
         base: "free" (default): `body1`, or the base of a robot, is the root link, and the program that loads the text
             decides whether it can move (in Pinocchio: a free-flyer as root joint). "floating": a floating joint
             connects the root with a link `world`. "fixed": a fixed joint connects the root with a link `world`.
@@ -99,8 +101,8 @@ def to_urdf(
             unless given.
 
     Raises:
-        ArgumentError: `base` is unknown; a name holds a character that XML does not allow; body1 is given but `base`
-            is not "fixed"; or hinge_torque or body1 is given with a robot.
+        ArgumentError: `base` is unknown; a name holds a character that XML does not allow; the argument body1 is
+            given although `base` is not "fixed"; or hinge_torque or body1 is given with a robot.
         ShapeError: u1, u2, n or home of the pair differ from sample to sample.
 
     >>> import hingepair as hp
@@ -154,8 +156,9 @@ def to_mjcf(
     body1: BodyMotion | None = None,
     gravity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> str:
-    """Return the pair as text in MJCF, the model format of MuJoCo. Warn of properties of the load that MJCF cannot
-    hold. Equal pairs give equal texts.
+    """Return the pair as text in MJCF, the model format of MuJoCo; equal pairs give equal texts. `base` is "free",
+    "pinned" or "fixed", `hinge_torque` a HingeLoad or None, and `body1` the initial pose of body 1 or None. Warn of
+    properties of `hinge_torque` that MJCF cannot hold.
 
     The model has three bodies: `body1` has the frame (R1, S1); `body2_at_hinge` is its child, has its origin at the
     hinge point, and is rotated by the joint `hinge`; `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2). With
@@ -165,8 +168,8 @@ def to_mjcf(
         pair: the pair; its limits, torque_limit, body1 and body2 are written if given. Its rate_limit is not written,
             since MuJoCo has no limits of rates.
         base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
-            (quat_wxyz, psi), where quat_wxyz is the rotation of body 1 from its initial attitude. "fixed": body 1
-            does not move, and qpos is (psi).
+            (quat_wxyz, psi). The attitude is then S1 = S1_0 S(quat_wxyz), where S1_0 is the initial attitude.
+            "fixed": body 1 does not move, and qpos is (psi).
         hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written, and its stops in place
             of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A `DynamicsWarning` lists
             its other properties, which MJCF cannot hold.
@@ -219,8 +222,9 @@ def to_mjcf(
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Warn of its
-    fields that are not among `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
+    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Issue a warning,
+    which begins with `format_name`, that lists its fields that are set but not among `written_fields`. Raise an
+    ArgumentError if it is not a HingeLoad.
 
     Raises:
         ArgumentError: it is no HingeLoad.
@@ -240,8 +244,8 @@ def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fiel
 
 
 def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Check that the argument `body1` is a single pose, or raise an ArgumentError; return its position R and its
-    rotation S.
+    """Check that the argument `body1` is a BodyMotion with a single pose, or raise an ArgumentError; return (R, S),
+    its position and its rotation matrix.
 
     Raises:
         ArgumentError: it is no single pose.
@@ -274,8 +278,8 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of its link, whose name it holds: mass [kg], centre of mass [m], moments of inertia
-    [kg m^2], shapes and colour.
+    """A body in the frame of its link: name of the link, colour as text, mass [kg], centre of mass [m], six moments
+    of inertia [kg m^2] and shapes.
 
     `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
     """
@@ -303,8 +307,9 @@ def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
 def _make_model_part(
     link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
 ) -> _ModelPart:
-    """Return one body as a part of a model: its mass properties and its shapes, relative to the origin of its link.
-    The origin is given in the axes of the body; None is a body without mass.
+    """Return one body as a _ModelPart: its mass properties and its drawn shapes, relative to the origin of its link,
+    and the names of its link and colour. `origin` is given in the axes of the body; for None as the body, the default
+    mass and inertia are used.
     """
     body = body_or_none or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)
@@ -319,8 +324,8 @@ def _axis2(pair: HingePair) -> Float64Array:
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
-    """Return an inertia tensor (3, 3), increased if needed so that its largest principal moment is below the sum of
-    the others by a margin.
+    """Return an inertia tensor (3, 3), with the same amount added to all three moments if needed, so that its largest
+    principal moment is below the sum of the others by a margin.
 
     The inertia of a flat body is increased by the margin, and by the excess of the largest moment if the moments were
     given rounded.
@@ -348,7 +353,8 @@ def _round_for_drawing(length: float) -> float:
 
 def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
     """Return a dict of the attributes of URDF's element `limit` by name, with defaults for missing effort and
-    velocity. It is empty if the pair has no limits.
+    velocity. `limits` are the limits of the angle [rad] or None. The dict is empty if there are none and the pair has
+    no limits of torque and rate.
     """
     pair_limits = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(pair_limits.values()) == {None}:
@@ -360,7 +366,9 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
-    """Add the link of a part to a URDF tree: its inertial element, and a visual element for each shape."""
+    """Add the link of a _ModelPart to the element <robot> of a URDF: its inertial element, and a visual element for
+    each shape.
+    """
     link = add_element(robot, "link", name=part.link)
     inertial = add_element(link, "inertial")
     add_element(inertial, "origin", xyz=part.center_of_mass, rpy=_ZERO_ROLL_PITCH_YAW)
@@ -377,8 +385,8 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
 
 
 def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return three values for URDF: the kind of a shape, a dict of its sizes, and its (roll, pitch, yaw) [rad]. The
-    angles of a cylinder rotate URDF's z axis to the cylinder's axis.
+    """Return (kind, dict of sizes, (roll, pitch, yaw) [rad]) of a Box, Cylinder or Sphere for URDF. The angles of a
+    cylinder rotate URDF's z axis to the cylinder's axis.
     """
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
@@ -390,7 +398,7 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
-    """Add the inertial element of a part, and a geom for each of its shapes, to a body element of an MJCF tree."""
+    """Add the inertial element of a _ModelPart, and a geom for each of its shapes, to a body element of MJCF."""
     add_element(body, "inertial", pos=part.center_of_mass, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
@@ -398,7 +406,9 @@ def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
 
 
 def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
-    """Return a dict of the attributes of a MuJoCo geom for a shape: type, size (half lengths) and direction."""
+    """Return a dict of the attributes of a MuJoCo geom for a Box, Cylinder or Sphere: type, size (half lengths) and
+    direction.
+    """
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
         return {"type": "box", "size": shape.size / 2, **turn}

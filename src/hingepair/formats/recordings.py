@@ -48,8 +48,8 @@ _POSITION_COLUMN_ALIAS_PATTERN = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)
 
 
 class Recording(NamedTuple):
-    """Motions of two bodies at the same instants, NaN where nothing was recorded; the instants as the file has them,
-    and the readings of an encoder at these instants. The last two are None if there are none.
+    """Motions `body1` and `body2` at the same instants, NaN where nothing was recorded; the instants `t` as the file
+    has them, and the readings of an `encoder` at these instants. The last two are None if there are none.
     """
 
     body1: BodyMotion
@@ -74,7 +74,8 @@ def read_recording(
     encoder_column: str | None = None,
 ) -> Recording:
     """Read the poses of two bodies, from one file or from one file for each, and return them at common instants as a
-    Recording. If the instants differ, the poses are resampled at the instants of the slower recording. Raise an
+    Recording. If the instants differ, the poses are resampled at the instants of the slower recording; gaps up to
+    `max_gap` [s] are bridged. `ignored_columns` are name patterns, and `encoder_column` is a name or None. Raise an
     ArgumentError if a file or a column cannot be used.
 
     Args:
@@ -124,9 +125,9 @@ def read_recording(
 
 
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Resample both bodies and the encoder at the instants of the body with the longer time steps, and return a
-    Recording. Gaps up to `max_gap` [s] are bridged. Raise an ArgumentError if fewer than two instants have both
-    bodies.
+    """Resample the motions of two bodies and the encoder readings of the first at the instants of the body with the
+    longer time steps, and return a Recording. Gaps up to `max_gap` [s] are bridged. Raise an ArgumentError if fewer
+    than two instants have both bodies.
     """
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
@@ -150,7 +151,7 @@ def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap:
 
 def _body_instants(body: _RecordedBody) -> NDArray[Any]:
     """Return the array of instants of a body that has a file of its own; raise an ArgumentError if the file has no
-    instants.
+    column of instants.
     """
     if body.t is None:
         raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
@@ -174,9 +175,10 @@ def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
 
 
 def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> BodyMotion:
-    """Return the poses of body "1" or "2" (`body_digit`) from the columns with a suffix. An attitude is NaN where a
-    part of it is missing or all of it is 0; a matrix of few digits is projected to a rotation. Body 2 without columns
-    of an attitude is a point. Raise an ArgumentError if a column is missing.
+    """Return the poses of body "1" or "2" (`body_digit`) as a BodyMotion, from the columns whose names end in
+    `suffix`. An attitude is NaN where a part of it is missing or all of it is 0; a matrix of few digits is projected
+    to a rotation. Body 2 without columns of an attitude is a point. Raise an ArgumentError, which names the file
+    `path`, if a column is missing.
     """
     R = _stack_columns(path, columns, _position_column_names(suffix))
     if not any(_has_any_column(columns, names) for names in _attitude_column_names(suffix)):
@@ -199,8 +201,9 @@ def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> 
 
 
 def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """Stack the columns of the first of some alternatives (tuples of names) that is present along the last axis, and
-    return the array (N, k). Raise an ArgumentError if one of its columns is missing.
+    """Stack columns along the last axis, and return the array (N, k). The columns are those of the first tuple of
+    names in `alternatives` of which any column is present. Raise an ArgumentError, which names the file `path`, if
+    one of them is missing.
     """
     names = next((names for names in alternatives if _has_any_column(columns, names)), alternatives[-1])
     for name in names:
@@ -218,8 +221,9 @@ def _present_columns(columns: Columns, names: Sequence[str]) -> list[str]:
 def _read_columns(
     path: Path, ignored_columns: Sequence[str], encoder_column: str | None, present_names: list[str]
 ) -> Columns:
-    """Read the columns of a file that a recording needs, and return them by name. Add the names of all columns of the
-    file to the list `present_names`. Raise an ArgumentError if a column is unknown or cannot be used.
+    """Read the columns of a file that a recording needs, and return a dict of arrays by name. Add the names of all
+    columns of the file to the list `present_names`. `ignored_columns` are name patterns, and `encoder_column` is a
+    name or None. Raise an ArgumentError if a column is unknown or cannot be used.
     """
 
     def choose(names: list[str]) -> list[str]:
@@ -239,8 +243,9 @@ def _component_names(name: str, tail: tuple[int, ...]) -> ArrayLike:
 
 
 def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
-    """Return a list of those of the names that are read. Raise an ArgumentError for a column that occurs twice, or
-    that is neither known nor ignored.
+    """Return a list of those of the names that are read: instants, poses, and `encoder_column` unless it is None.
+    Names that match a pattern in `ignored_columns` are left out. Raise an ArgumentError for a column that occurs
+    twice, or that is neither known nor ignored.
     """
     known_names = [
         "t",
@@ -268,8 +273,8 @@ def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encod
 
 
 def _column_hint(name: str, known_names: Sequence[str]) -> str:
-    """Return the end of a message on an unknown column, such as ` (nearest: t)` for `time`; "" if no known name is
-    near.
+    """Return the end of a message on an unknown column `name`, such as ` (nearest: t)` for `time`; "" if none of
+    `known_names` is near.
     """
     lower = name.lower()
     position = _POSITION_COLUMN_ALIAS_PATTERN.fullmatch(lower)

@@ -28,8 +28,9 @@ from hingepair.rotations.euler import matrix_to_euler
 
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a robot as URDF text, with its links and joints. Warn of rotor inertias, which URDF cannot hold. Raise
-    an ArgumentError if XML cannot hold a name.
+    """Return a robot as URDF text, with its links and joints. `base` is "free", or "fixed" or "floating", the type of
+    a joint that connects the robot with a link `world`. Warn of rotor inertias, which URDF cannot hold. Raise an
+    ArgumentError if XML cannot hold a name.
 
     Raises:
         ArgumentError: a name holds a character that XML cannot.
@@ -78,8 +79,8 @@ class _UrdfWriter:
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
-        """Add the links of a body to the element `root`, and the fixed joints between them. Return the name of the
-        link at the joint's point, which has the mass of the body.
+        """Add the links of the body of this number to the element `root`, and the fixed joints between them. Return
+        the name of the link at the joint's point, to which the mass properties `masses` of the body are written.
         """
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
@@ -103,16 +104,17 @@ class _UrdfWriter:
         return seat
 
     def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
-        """Add a link, and the fixed joint that holds it to its parent link at the pose of a frame, to the element
-        `root`.
+        """Add a link, and the fixed joint that holds it to its parent link at the position and rotation of a Frame,
+        to the element `root`. `joint`, `parent` and `link` are names.
         """
         add_element(root, "link", name=link)
         element = add_urdf_joint(root, joint, "fixed", parent, link)
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link that is fixed to a parent link, and return its name. It will carry the joint `joint_name`; the
-        name of its own fixed joint begins with `order`, by which readers sort siblings.
+        """Add a link that is fixed to the link `parent_link` to the element `root`, and return its name. It will
+        carry the joint `joint_name`; the name of its own fixed joint begins with the number `order`, by which readers
+        sort siblings.
         """
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")
@@ -121,7 +123,9 @@ class _UrdfWriter:
         return link
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        """Add the element of a moving joint to the element `root`: placement, axis, limits and mimic rule."""
+        """Add the element of a moving Joint to the element `root`: placement, axis, limits and mimic rule. `parent`
+        and `child` are the names of its links.
+        """
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
         element = add_urdf_joint(root, joint.name, kind, parent, child)
@@ -142,7 +146,9 @@ class _UrdfWriter:
 
 
 def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
-    """Add the inertial element of one link to a URDF tree: centre of mass, mass and inertia."""
+    """Add the inertial element, with centre of mass, mass and inertia of the MassProperties `masses`, to the XML
+    element `link` of a URDF.
+    """
     inertial = add_element(link, "inertial")
     add_element(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
     add_element(inertial, "mass", value=masses.mass)
@@ -159,7 +165,9 @@ def _is_same_frame(one: Frame, other: Frame) -> bool:
 
 
 def _unused_name(used_names: set[str], name: str) -> str:
-    """Return a name, with a number appended if it is in use, and add it to the set `used_names`."""
+    """Return a name that is not in the set `used_names`, and add it to the set: the given name, with a number
+    appended if it is in use.
+    """
     unused = next(
         one for one in (name, *(f"{name}_{i}" for i in range(2, len(used_names) + 3))) if one not in used_names
     )

@@ -25,8 +25,10 @@ ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the rob
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return a robot of the package example-robot-data as a Mechanism. Warn as `Mechanism.from_urdf` does, for
-    example of joints that are locked beyond their limits.
+    """Return the named robot of the package example-robot-data as a Mechanism. `base` is "fixed" or "free", and
+    joints in `locked`, a dict of positions by name, are held. Angles within `snap` [rad] of a multiple of pi/2 are
+    taken as that multiple. Warn as `Mechanism.from_urdf` does, for example of joints that are locked beyond their
+    limits.
 
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
@@ -49,7 +51,8 @@ def load_robot(
 
 
 def load_robot_hinge(robot: str, joint: str) -> HingePair:
-    """Return one hinge of a robot of the package example-robot-data as a HingePair.
+    """Return one hinge of a robot of the package example-robot-data as a HingePair. `robot` and `joint` are the names
+    of the robot and of the joint.
 
     The parent link is body 1, the child link is body 2. u1 and home are the position and the rotation of the joint's
     `<origin>` (home is the attitude of body 2 relative to body 1 at psi = 0); u2 is zero.
@@ -90,8 +93,9 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_urdf(robot: str) -> Path:
-    """Return the path of the URDF file of a robot of example-robot-data. Raise an ArgumentError if there is not
-    exactly one robot of this name.
+    """Return the Path of the URDF file of the robot of example-robot-data that is named `robot`. Raise an
+    ArgumentError if there is not exactly one robot of this name, and a MissingDependencyError if the package is not
+    installed.
 
     Raises:
         ArgumentError: no such robot, or more than one.
@@ -110,8 +114,8 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _expected_robot_text(robot: str) -> str:
-    """Return the text that a message on an unknown robot gives as expected: the number of robots and the nearest
-    names.
+    """Return the text that a message on an unknown robot's name gives as expected: the number of robots and the
+    nearest names.
     """
     import difflib
 

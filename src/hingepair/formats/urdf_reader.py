@@ -26,8 +26,9 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia
 def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
-    """Read one hinge of a URDF, and return it as a HingePair. Leave out mass properties that no rigid body can have,
-    with a warning.
+    """Read the hinge named `joint` of a URDF, a file's path or text, and return it as a HingePair. `body1_frame` and
+    `body2_frame` name the links whose frames are (R1, S1) and (R2, S2); by default, they are the links that the joint
+    connects. Leave out mass properties that no rigid body can have, with a warning.
 
     Args:
         path_or_text: path of a file, or the URDF itself (text that starts with "<").
@@ -77,7 +78,8 @@ def hinge_pair(
     name: str,
     warn: bool = False,
 ) -> HingePair:
-    """Return one hinge of a URDF record as a HingePair with a given name. Mass properties that no rigid body can have
+    """Return the hinge named `joint` of a RobotRecord as a HingePair called `name`. `body1_frame` and `body2_frame`
+    name the links whose frames are (R1, S1) and (R2, S2), or are None. Mass properties that no rigid body can have
     are left out; if `warn`, with a warning. Raise a URDFError if there is no such hinge or frame.
 
     Raises:
@@ -106,8 +108,8 @@ def hinge_pair(
 
 
 def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> dict[str, FramePose]:
-    """Return a dict of the poses of a link of a hinge and of all links that are rigidly fixed to it, by name, in the
-    axes of the link. Raise a URDFError if the links do not form a tree.
+    """Return the poses of the link named `link` of a hinge and of all links that are rigidly fixed to it, as a dict
+    of FramePoses by name, in the axes of the link. Raise a URDFError if the links do not form a tree.
     """
     robot.check_link(link, hinge)
     poses = {link: IDENTITY_POSE}
@@ -130,8 +132,8 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
 
 
 def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
-    """Return the pose of a frame; for None, the pose of the link itself. Raise a URDFError, which names the argument,
-    for a frame that is not fixed to the link.
+    """Return the FramePose of the link named `frame` from a dict of poses by name; for None, that of the link named
+    `link`. Raise a URDFError for the argument named `argument` if the dict has no such link.
     """
     link_name = link if frame is None else frame
     if not isinstance(link_name, str) or link_name not in poses:
@@ -140,8 +142,9 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body in the frame of their poses. Return None if no link has
-    mass, or if no rigid body can have their mass properties; if `warn`, warn of the latter.
+    """Return links that are fixed to each other as one Body. `poses` are their FramePoses in the body's axes, by
+    name. Return None if no link has mass, or if no rigid body can have their mass properties; if `warn`, warn of the
+    latter.
 
     Links without mass are not counted. Some robots have mass properties that no rigid body can have, such as a
     negative mass.

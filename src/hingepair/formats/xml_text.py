@@ -23,7 +23,7 @@ _INVALID_XML_CHARACTER_PATTERN = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\
 
 
 def check_xml_text(argument: str, text: str) -> None:
-    """Raise an ArgumentError if a text holds a character that XML cannot hold.
+    """Raise an ArgumentError for the argument named `argument` if a text holds a character that XML cannot hold.
 
     Raises:
         ArgumentError: there is such a character; the error names the argument.
@@ -33,8 +33,8 @@ def check_xml_text(argument: str, text: str) -> None:
 
 
 def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
-    """Add a child with a tag to an XML element, and return the child. Its attributes are texts, numbers or arrays of
-    numbers, which are converted to text.
+    """Add a child with a tag to an XML element, and return the child. Its attributes, given by keyword, are texts,
+    numbers or arrays of numbers, which are converted to text.
 
     Numbers are written with all their digits (repr does not depend on the locale), and -0 as 0.
     """
@@ -47,13 +47,15 @@ def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Elemen
 
 
 def document(root: ET.Element) -> str:
-    """Return the XML text of an element."""
+    """Return the XML text of an element, with its declaration. The element is indented in place."""
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Add a joint element of a kind, which names its parent and child links, to a URDF robot; return the element."""
+    """Add a joint element with a name and a kind such as "revolute", which names its parent and child links, to the
+    element <robot> of a URDF; return the joint element.
+    """
     joint = add_element(robot, "joint", name=name, type=kind)
     add_element(joint, "parent", link=parent)
     add_element(joint, "child", link=child)
@@ -61,8 +63,8 @@ def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: 
 
 
 def axis_for_urdf(axis: Float64Array) -> Float64Array:
-    """Return a unit axis in a form that URDF readers keep. An axis that readers would replace by x, y or z, because
-    it is nearly parallel to it, is returned slightly longer.
+    """Return a unit axis in a form that URDF readers keep. An axis that is so nearly parallel to x, y or z that
+    readers would replace it by that axis is returned slightly longer.
 
     Pinocchio takes an axis that is within 1e-12 of x for x, but normalises one that is longer by more than that.
     """

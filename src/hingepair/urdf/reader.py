@@ -12,8 +12,9 @@ from hingepair.urdf.records import JointRecord, LinkRecord, RobotRecord
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
-    """Read the links and joints of a URDF, and return them as a RobotRecord. Angles within `snap` [rad] of a multiple
-    of pi/2 are replaced by that multiple when they are read. Raise a URDFError if the URDF cannot be read.
+    """Read the links and joints of a URDF, a file's path or text that starts with "<", and return them as a
+    RobotRecord. Angles within `snap` [rad] of a multiple of pi/2 are replaced by that multiple when they are read.
+    Raise a URDFError if the URDF cannot be read.
 
     Args:
         path_or_text: text of a URDF (it starts with "<"), or the path of a file. Only links and joints are read,
@@ -65,8 +66,8 @@ class _DoctypeRefusingBuilder(ET.TreeBuilder):
 
 
 def _read_text(path_or_text: str | os.PathLike[str]) -> str | bytes:
-    """Return the text of a URDF: the argument if it is text that starts with "<", else the bytes of the file at this
-    path. Raise a URDFError if the file cannot be read.
+    """Return the text of a URDF: the argument itself if it is text that starts with "<", else the bytes of the file
+    at this path. Raise a URDFError if the file cannot be read.
     """
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         return path_or_text.lstrip("\ufeff \t\r\n")

@@ -45,7 +45,8 @@ _QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0
 
 
 class Visual(NamedTuple):
-    """Shape by which a link is drawn or collides: its kind, its sizes [m] and its pose in the link's axes.
+    """Shape by which a link is drawn or collides: its kind such as "box", its sizes [m] and its FramePose in the
+    link's axes.
 
     Attributes:
         kind: "box", "cylinder", "sphere", or another tag such as "mesh".
@@ -73,7 +74,8 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """Link of a URDF. Its mass properties and shapes are read from its XML element when a method is called.
+    """Link of a URDF: its XML element, its name, and the tolerance `snap` [rad] for angles near multiples of pi/2.
+    Its mass properties and shapes are read from the element when a method is called.
 
     Attributes:
         element: the XML element.
@@ -86,8 +88,8 @@ class LinkRecord:
     snap: float
 
     def inertia(self) -> Inertia:
-        """Return the mass properties of the link in its own axes; numbers that are not given are 0. Raise a URDFError
-        for an entry that is not a finite number.
+        """Return the mass properties of the link in its own axes as an Inertia; numbers that are not given are 0.
+        Raise a URDFError for an entry that is not a finite number.
 
         Raises:
             URDFError: an entry is no finite number.
@@ -100,8 +102,8 @@ class LinkRecord:
         return at_centre.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return a list of the shapes of the link: those that draw it (tag "visual"), or those that it collides with
-        (tag "collision"). Raise a URDFError for an entry that is not a finite number.
+        """Return the shapes of the link as a list of Visual records: those that draw it (tag "visual"), or those that
+        it collides with (tag "collision"). Raise a URDFError for an entry that is not a finite number.
 
         Raises:
             URDFError: an origin or a size is no finite number.
@@ -122,7 +124,9 @@ class LinkRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """Joint of a URDF. Its numbers are read from its XML element, and checked, when a property is accessed.
+    """Joint of a URDF: its XML element, its name and type, the names of its parent link, its child link and the joint
+    that it `follows`, and the tolerance `snap` [rad] for angles near multiples of pi/2. Its numbers are read from the
+    element, and checked, when a property is accessed.
 
     Attributes:
         element: the XML element.
@@ -144,7 +148,9 @@ class JointRecord:
 
     @property
     def pose(self) -> FramePose:
-        """Attitude of the child link at position 0, and its origin [m], in the parent link's axes."""
+        """Pose of the child link at position 0 in the axes of the parent link, a FramePose of rotation and origin
+        [m]. Raises a URDFError for an entry that is not a finite number.
+        """
         return _pose(self.element.find("origin"), self._where, self.snap)
 
     @property
@@ -202,7 +208,9 @@ class JointRecord:
         return f"joint {self.name!r}"
 
     def _limit_number(self, key: str) -> float | None:
-        """Return a number of the element <limit>; None if it is missing. Raise a URDFError for a negative number."""
+        """Return the number of the attribute `key` of the element <limit>; None if it is missing. Raise a URDFError
+        for a negative number.
+        """
         number: float | None = self._number("limit", key, None)
         if number is not None and number < 0:
             raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)
@@ -214,8 +222,8 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
-    """Record of a URDF: the name of the robot, its links by name, its joints in the order of the file, and the joints
-    at each link.
+    """Record of a URDF: the name of the robot, its links by name (a list for each name), its joints in the order of
+    the file, and the joints at each link by the link's name.
 
     Attributes:
         name: name of the robot.
@@ -230,12 +238,12 @@ class RobotRecord:
     joints_at: Mapping[str, Sequence[JointRecord]]
 
     def hinges(self) -> tuple[JointRecord, ...]:
-        """Return the revolute and continuous joints that have a name, mimic joints included."""
+        """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""
         return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return the revolute or continuous joint of a name. Raise a URDFError if there is none, or if the name is
-        not unique.
+        """Return the JointRecord of a revolute or continuous joint by its name. Raise a URDFError if there is none,
+        or if the name is not unique.
 
         Raises:
             URDFError: no such joint, two, or one that is no hinge; lists those that would do.
@@ -253,7 +261,8 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Check that a link named by a joint is a link of the robot; raise a URDFError if not.
+        """Check that the robot has a link of this name, which a JointRecord has as parent or child. Raise a
+        URDFError, which names the joint, if not.
 
         Raises:
             URDFError: names the joint.
@@ -263,8 +272,8 @@ class RobotRecord:
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Check that a link named by a joint is declared once, and is the child of at most one joint; raise a
-        URDFError if not.
+        """Check that the link of this name, which a JointRecord has as parent or child, is declared once and is the
+        child of at most one joint; raise a URDFError if not.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -276,8 +285,8 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return the name of the root link, and a tuple of all joints in depth-first order; the joints of one link
-        are sorted by name. Raise a URDFError if the links and joints do not form a tree.
+        """Return (name of the root link, tuple of all JointRecords in depth-first order); the joints of one link are
+        sorted by name. Raise a URDFError if the links and joints do not form a tree.
 
         Raises:
             URDFError: the links and joints are no tree: names the joint or the links that are wrong.
@@ -320,8 +329,9 @@ class RobotRecord:
 
 
 def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
-    """Return the pose of an element <origin>; for None, the identity. Angles within `snap` [rad] of a multiple of
-    pi/2 are replaced by that multiple. `where` names the element in messages of a URDFError.
+    """Return the FramePose of an XML element <origin>; for None, the identity. Angles within `snap` [rad] of a
+    multiple of pi/2 are replaced by that multiple. Raise a URDFError, which begins with the text `where`, if its
+    numbers are not finite.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
@@ -333,8 +343,8 @@ def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
-    """Return the sine and the cosine of an angle [rad]. They are exactly 0, 1 or -1 if the angle is within `snap`
-    [rad] of a multiple of pi/2, or is the double nearest to such a multiple.
+    """Return (sine, cosine) of an angle [rad]. They are exactly 0, 1 or -1 if the angle is within `snap` [rad] of a
+    multiple of pi/2, or is the double nearest to such a multiple.
     """
     turns = round(angle / (math.pi / 2))
     near = angle == float(turns * _EXACT_HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
@@ -346,8 +356,9 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
 
 
 def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a tuple of the numbers of an XML attribute, as many as `default` has; if the attribute is missing,
-    return `default`. Raise a URDFError, which begins with `where`, if they are not finite numbers.
+    """Return a tuple of the numbers of the attribute `key` of an XML element, as many as the tuple `default` has. If
+    the attribute is missing, or the element is None, return `default`. Raise a URDFError, which begins with the text
+    `where`, if they are not finite numbers.
     """
     text = None if element is None else element.get(key)
     if text is None:

@@ -17,11 +17,15 @@ class FramePose(NamedTuple):
     origin: Float64Array
 
     def placed(self, inner: FramePose) -> FramePose:
-        """Return a pose that is given in this frame, in the frame that this one is given in."""
+        """Return the FramePose `inner`, which is given in the axes of this frame, in the axes in which this frame is
+        given.
+        """
         return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
     def seen(self, other: FramePose) -> FramePose:
-        """Return a pose that is given in the same frame as this one, in this frame."""
+        """Return the FramePose `other`, which is given in the axes in which this frame is given, in the axes of this
+        frame.
+        """
         return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
@@ -44,14 +48,16 @@ class Inertia(NamedTuple):
     tensor: Float64Array
 
     def placed(self, pose: FramePose) -> Inertia:
-        """Return the same mass properties in the frame that `pose`, the pose of this frame, is given in."""
+        """Return a copy of these mass properties in another frame. `pose` is the FramePose of the present frame in
+        that other frame.
+        """
         axes, centre = pose.placed(FramePose(np.eye(3), self.centre))
         return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
 
 
 def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
-    """Return the mass properties of several rigidly joined parts as one Inertia, in the frame in which all parts are
-    given. If the masses add up to zero, the centre of mass is the origin of the frame.
+    """Return the mass properties of several rigidly joined bodies as one Inertia, in the frame in which all of them
+    are given. If the masses add up to zero, the centre of mass is the origin of the frame.
     """
     total = sum(part.mass for part in inertias)
     middle = np.zeros(3)
