@@ -110,7 +110,9 @@ class TooStiffError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StepPolynomial:
-    """Polynomial in time of the state over one step: its values at the start and its derivatives at the nodes."""
+    """Polynomial in time of the state over one step: first instant and length of the step [s], state at its start,
+    (k,), and derivatives (`rates`) at its nodes, (8, k).
+    """
 
     start: float  # first instant of the step [s]
     length: float  # of the step [s]
@@ -128,21 +130,23 @@ class Events(Protocol):
     """
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Compute, at instants t and states, the distances from each event, (m, e), and the sizes (e,) that scale the
-        rounding of the distances.
+        """Return two arrays for instants t and states: the distances from each event, (m, e), positive until the
+        event happens, and the sizes (e,) that scale the rounding of the distances.
 
         Returns:
             Distances, positive until the event happens, shape (m, e); and sizes, shape (e,).
         """
 
     def apply(self, event: int, t: float, state: Array) -> Array | None:
-        """Apply an event: return the state after it, where new derivatives hold; None where the motion ends."""
+        """Apply the event of this number; return the state after it, a copy in which new derivatives hold, or None if
+        the event ends the motion.
+        """
 
 
 @dataclass
 class Stepper:
     """Mutable stepper of one motion: holds the present time and state, and makes steps as long as the tolerance
-    allows, which end at events.
+    allows, which end at events. `rates` is the function that computes the derivatives of states.
     """
 
     rates: StateRates  # derivatives of the state
@@ -169,9 +173,9 @@ class Stepper:
         self.ended = False  # whether an event has ended the motion
 
     def step(self, stop: float) -> StepPolynomial | None:
-        """Advance time and state by a step that goes neither past `stop` nor past an event; return its polynomial.
-        Return None if an event at the start of the step ends the motion. Raise a TooStiffError if no step is short
-        enough.
+        """Advance time and state of this object by a step that goes neither past the instant `stop` nor past an
+        event; return the StepPolynomial. Return None if an event at the start of the step ends the motion. Raise a
+        TooStiffError if no step is short enough.
 
         The time and the state of this object become those at the end of the step. The event there is applied by
         `apply_pending_event`.
@@ -230,28 +234,32 @@ class Stepper:
         return piece
 
     def apply_pending_event(self) -> None:
-        """Apply the event at the end of the last step to the state, if there is one; set `ended` if it ends the
-        motion.
+        """Apply the event at the end of the last step, if there is one, to the state of this object, in place; set
+        `ended` if it ends the motion.
         """
         if self._pending_event is not None:
             self._apply_event(self._pending_event)
             self._pending_event = None
 
     def set_state(self, state: Array) -> None:
-        """Go on from another state, after an event or for coordinates that begin anew at every step."""
+        """Replace the present state by another one, after an event or for coordinates that begin anew at every step.
+        The rounding residues of changed components become 0.
+        """
         self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
 
     def _apply_event(self, event_index: int) -> None:
-        """Apply an event, by its index, to the present state; set `ended` to whether the event ends the motion."""
+        """Apply an event, by its index, to the present state, in place; set `ended` to whether the event ends the
+        motion.
+        """
         state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return the additional times, from 0 to 1 in a step of this length, at which the residual is checked for
-        loads that are callables.
+        """Return an array of the additional times, from 0 to 1 in a step of this length [s], at which the residual is
+        checked for loads that are callables.
         """
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
@@ -260,8 +268,10 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return the share of a step (0 to 1) after which the first event happens, and the index of the event. Return
-        None if no event happens in the step.
+        """Return (share of the step, 0 to 1, after which the first event happens, index of the event); None if no
+        event happens in the step. `node_rates` are the derivatives at the nodes, and `extra_times` further times from
+        0 to 1 at which distances are checked. An event at `expected_event`, an index or None, counts at the end of
+        the step if only rounding keeps it from happening there.
 
         An expected event happens at the end of the step if only rounding may keep it from happening there.
         """
@@ -296,15 +306,15 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add a change to the present state by compensated summation, and keep the rounding residue."""
+        """Add a change, (k,), to the present state by compensated summation, in place; keep the rounding residue."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
         self.state = state
 
     def _node_rates(self, length: float) -> Array | None:
-        """Compute the derivatives of the state at the nodes of a step of this length; shape (8, k). Return None if no
-        iteration converges. Newton's method is used where fixed-point iteration fails.
+        """Compute the derivatives of the state at the nodes of a step of this length [s], an array (8, k). Return
+        None if no iteration converges. Newton's method is used if fixed-point iteration fails.
         """
         if self._stiffness(length) < _MIN_STIFFNESS_FOR_NEWTON:
             self._hinge_derivatives = None
@@ -326,9 +336,10 @@ class Stepper:
         return float(length * max(by_rate, np.sqrt(by_angle)))
 
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
-        """Iterate the states at the nodes by fixed points (Picard), or by a simplified Newton method in (psi, psi').
-        Return the derivatives at the nodes, (8, k); None if the iteration does not converge, or the other method
-        suits better. Store the derivatives of psi'' that Newton's method needs.
+        """Iterate the states at the nodes of a step of this length by fixed points (Picard), or if `use_newton` by a
+        simplified Newton method in (psi, psi'). Return the derivatives at the nodes, (8, k); None if the iteration
+        does not converge, or the other method suits better. Store the derivatives of psi'' that Newton's method
+        needs.
 
         For Newton's method the derivatives of psi'' with respect to psi and psi' at each node are differences; all
         other components are iterated by fixed points.
@@ -385,8 +396,9 @@ class Stepper:
         return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
-        """Return the two matrices (8, 8) of Newton's method for a step of this length. The second maps residuals of
-        psi at the nodes to residuals of psi'; the first maps the sum of both to the change of psi'.
+        """Return the two matrices (8, 8) of Newton's method for a step of this length [s]. The second maps residuals
+        of psi at the nodes to residuals of psi'; the first maps the sum of these and the residuals of psi' to the
+        change of psi'.
         """
         by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
         integrals = length * _NODE_INTEGRATION_MATRIX
@@ -394,7 +406,9 @@ class Stepper:
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
-        """Return errors of the rates, (m, k), without the part that a stiff psi'' damps within the step."""
+        """Return a copy of errors of the rates, (m, k), without the part that a stiff psi'' damps within a step of
+        this length. If psi'' is not stiff, return `errors` itself.
+        """
         if self._hinge_derivatives is None:
             return errors
         by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
@@ -404,8 +418,9 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes, (8, k), by the polynomial of the last step, or, for a much longer
-        step, as its value at the end. Return zeros for the first step.
+        """Predict the derivatives at the nodes, (8, k), from the polynomial of the last step, evaluated at the
+        instants `times` of the nodes; for a much longer step, all rows are its value at the end. Return zeros for the
+        first step.
         """
         last_step = self._last_step
         if last_step is None:
@@ -423,9 +438,9 @@ class Stepper:
     def _estimate_error(
         self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
-        """Return an estimate of the error of the polynomial between the nodes, in units of the tolerance, and the
-        share of the step that could be kept. The share is 0 unless only checks at `extra_times` find an error above
-        1.
+        """Return (error, share): an estimate of the error of the polynomial between the nodes, in units of the
+        tolerance, and the share of the step that could be kept. The share is 0 unless only checks at `extra_times`
+        (from 0 to 1) find an error above 1. Steps up to `shortest_length` count as steps across a jump.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
@@ -469,8 +484,9 @@ def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
     """Return two relative times (0 to 1) between which a distance first falls below -margin; None if it does not.
-    Between `times` the crossing is searched where the polynomial through `sampled_distances`, the distances at
-    _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
+    `distances` are its values at `times`, and `distance_at` is the function that computes it. Between `times` the
+    crossing is searched where the polynomial through `sampled_distances`, the values at _RELATIVE_EVENT_SAMPLE_TIMES,
+    is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
@@ -493,8 +509,9 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Return the first relative time between `start` and `end` at which a distance is below -margin, by bisection. At
-    `end` the distance must be below -margin.
+    """Return the first relative time between `start` and `end` at which a distance is below -margin, by bisection.
+    The function `distance_at` computes the distance at an array of times. At `end` the distance must be below
+    -margin.
     """
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)

@@ -21,7 +21,9 @@ _INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
-    """Record of one step of a simulation: polynomial, attitude, torque branch, and whether the hinge is held."""
+    """Record of one step of a simulation: its StepPolynomial, the attitude `quat` (4,) at its start, the torque
+    branch `side` (angle, rate), and `held`, whether the hinge is held.
+    """
 
     polynomial: StepPolynomial
     quat: Array  # attitude at the start of the step; (4,)
@@ -31,7 +33,8 @@ class StepRecord(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnergyBalance:
-    """Energy balance of a motion: the work of each load, and the energies, at every instant; `print` shows a table.
+    """Energy balance of a motion at instants t: the work of each load by name, and the kinetic and potential energies
+    [J], an array (N,) each. `print` shows a table.
 
     Attributes:
         t: instants [s]; shape (N,).
@@ -93,7 +96,9 @@ def energy_balance(
     gravity: tuple[float, ...],
     samples: MotionSamples,
 ) -> EnergyBalance:
-    """Compute the `EnergyBalance` of a simulated motion: the work of each load by quadrature, and the energies.
+    """Compute the `EnergyBalance` of a simulated motion at the instants t: the work of each load by quadrature over
+    its `steps` (StepRecords), and the energies from its `samples` at the instants. `initial_state` is the state
+    vector before the first event.
 
     Args:
         motion: the equations of the motion.
@@ -147,13 +152,15 @@ def energy_balance(
 
 
 def _body1_motion(samples: MotionSamples, **accelerations: Array) -> BodyMotion:
-    """Return the motion of body 1 as a BodyMotion."""
+    """Return the motion of body 1 in MotionSamples as a BodyMotion. Accelerations, if any, are added by keyword."""
     motion = samples.motion
     return motion_of_rotations(R=motion.R1, S=motion.S1, v=motion.v1, omega=motion.omega1, **accelerations)
 
 
 def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
-    """Compute motion and loads at n instants, of which `states` and `steps` give the state and the step of each."""
+    """Return MotionSamples of motion and loads at n instants. `states`, (n, k), and `steps`, a StepRecord for each
+    instant, give the state and the step.
+    """
     sides = np.array([step.side for step in steps])
     held, quats = np.array([step.held for step in steps]), np.array([step.quat for step in steps])
     return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)
@@ -162,8 +169,9 @@ def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Seq
 def _powers_by_load(
     pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
 ) -> dict[str, Array]:
-    """Compute the power of each load [W]; return arrays (n,) by name. With `is_carried`, the motion of body 1 is
-    given: the powers of force1 and torque1 are then 0, and "base" is the power of what moves body 1.
+    """Compute the power of each load [W] from the motion and loads in MotionSamples; return a dict of arrays (n,) by
+    name. With `is_carried`, the motion of body 1 is given: the powers of force1 and torque1 are then 0, and "base" is
+    the power of the support that moves body 1.
     """
     motion, loads = samples.motion, samples.loads
     body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)
@@ -198,7 +206,10 @@ def _impact_work(
     pair: HingePair,
     gravity: tuple[float, ...],
 ) -> Array:
-    """Return the kinetic energy [J] that impacts have added between t[0] and each instant, mostly negative; (N,)."""
+    """Return an array (N,) of the kinetic energy [J] that impacts have added between t[0] and each instant, mostly
+    negative. An impact is a jump of the hinge rate between two of the StepRecords `steps`, or between `initial_state`
+    and the first of them.
+    """
     work = np.zeros(len(t))
     column = motion.psi_index + 1
     for last_step, next_step in itertools.pairwise((steps[0], *steps)):

@@ -42,7 +42,8 @@ _RELATIVE_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
 
 class HingeEvents:
     """Events of a hinge: computes the distances from the next events, and applies an event to the state and to the
-    motion, of which it sets the torque branch `side` and `held`.
+    motion, a PairMotion of which it sets the torque branch `side` and `held`. The user's event, a callable or None,
+    is one of them.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -79,8 +80,9 @@ class HingeEvents:
         return bool(self._motion.loads.kinks or self._motion.loads.rate_kinks or self._user_event)
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return, at instants t and states, the distances from each event, (m, e), and the sizes (e,) that scale the
-        rounding of the distances. Store the names of the events, and the sign and the size of the user's value.
+        """Return two arrays for instants t, counted from the start, and states: the distances from each event, (m,
+        e), and the sizes (e,) that scale the rounding of the distances. Store the names of the events, and the sign
+        and the size of the user's value.
         """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
@@ -115,8 +117,9 @@ class HingeEvents:
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Apply an event, by its index, to the torque branch and the hold of the motion. Return a copy of the state
-        with the changes of the event, or None if the event ends the motion.
+        """Apply an event, by its index in the last result of `distances`, to the torque branch and the hold of the
+        motion, in place. Return a copy of the state with the changes of the event, or None if the event ends the
+        motion.
 
         Returns:
             The state after the event, a copy; None where the motion ends.
@@ -151,7 +154,7 @@ class HingeEvents:
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
         """Return whether the motion ends because an impact, or friction that stops the hinge, leaves the user's value
-        at exactly 0. If the value is 0, set its stored sign to unknown.
+        at exactly 0 in this state. If the value is 0, set its stored sign to unknown, which is 0.
 
         From there the value may stay 0 or turn back, so that it might never pass 0.
         """
@@ -165,8 +168,8 @@ class HingeEvents:
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Return the values of the user's event at instants and states; shape (m,). Raise an error if the event does
-        not return one number for each instant.
+        """Return the values of the user's event at instants and states as an array (m,). Raise an error if the event
+        does not return one number for each instant.
         """
         result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
@@ -178,8 +181,8 @@ class HingeEvents:
         return np.array(values, np.float64)
 
     def _update_torque_branch(self) -> None:
-        """Set the motion's `side`, which selects the smooth branch of the hinge torque, from the present intervals of
-        angle and rate between kinks.
+        """Set the `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque. It is
+        computed from the stored numbers of the present intervals of angle and rate between kinks.
         """
         held = self._motion.held
         self._motion.side = (
@@ -188,8 +191,8 @@ class HingeEvents:
         )
 
     def _release(self, direction: int) -> None:
-        """Set the hinge of the motion free, so that it may turn upwards (1) or downwards (-1), and update its torque
-        branch.
+        """Set the hinge of the motion free, so that psi may increase (`direction` 1) or decrease (-1), and update its
+        torque branch.
         """
         self._motion.held = False
         if self._friction:
@@ -197,8 +200,9 @@ class HingeEvents:
         self._update_torque_branch()
 
     def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge, whose rate in `state` is 0, and store the limits of the holding torque. Release the hinge
-        if the torque exceeds a limit.
+        """Hold the hinge of the motion, whose rate in `state` is 0, and store the limits of the holding torque:
+        friction, or infinity where a rigid stop supports the hinge. Release the hinge if the torque that it needs
+        exceeds a limit.
         """
         psi = float(state[self._motion.psi_index])
         lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
@@ -216,8 +220,9 @@ class HingeEvents:
         return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Reverse the hinge rate in `state`, in place, at a rigid stop [rad] above (1) or below (-1). Hold the hinge
-        at the stop, with rate 0, if it would rebound by less than the tolerance allows.
+        """Reverse the hinge rate in `state`, in place, at the rigid stop at the angle `stop` [rad], and multiply it
+        by the stop's restitution. `side` is 1 if this is the upper stop, -1 if it is the lower one. Hold the hinge at
+        the stop, with rate 0, if it would rebound by less than the tolerance allows.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
@@ -238,7 +243,9 @@ class HingeEvents:
 
 
 def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:
-    """Return a number inside the interval from one kink to the next one; either kink, or both, may be infinite."""
+    """Return a number inside the interval between the kinks `interval_index` and `interval_index` + 1; either kink,
+    or both, may be infinite.
+    """
     lower, upper = kinks[interval_index : interval_index + 2]
     if lower == -np.inf:
         return upper - 1 if upper < np.inf else 0.0

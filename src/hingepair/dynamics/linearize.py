@@ -41,8 +41,9 @@ _STATE_COMPONENT_NAMES: Final = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
-    """Linearized motion of a pair, x' = A x + B hinge_torque for small changes x of the state: matrices, names of the
-    components of x, poles, natural frequencies and damping ratios. `print` shows the poles.
+    """Linearized motion of a pair, x' = A x + B hinge_torque for small changes x of the state: matrices A and B,
+    `names` of the components of x, hinge angle psi, motion `body1`, `rates` of the state, and poles with natural
+    frequencies and damping ratios. `print` shows the poles.
 
     Attributes:
         A: derivatives of the state's rates with respect to the state; shape (k, k).
@@ -106,8 +107,10 @@ def linearize(
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Linearize the motion about a state; return a `Linearization` with matrices, poles, natural frequencies and
-    damping ratios. Raise an ArgumentError if friction or a stop holds the hinge, or if no equilibrium is found.
+    """Linearize the motion of a pair under loads about a state, or with `equilibrium` about the stable equilibrium
+    near it, at the instant t. Return a `Linearization` with matrices, poles, natural frequencies and damping ratios.
+    The arguments are those of `simulate`. Raise an ArgumentError if friction or a stop holds the hinge, or if no
+    equilibrium is found.
 
     The arguments have the meaning and the defaults of those of `simulate`, at one instant. Derivatives are computed
     by finite differences of order 4.
@@ -198,8 +201,8 @@ def linearize(
 def _state_derivatives(
     motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return two arrays: derivatives of the rates with respect to some components of the state, (k, m), and the
-    rates, (k,).
+    """Return two arrays: derivatives of the state's rates with respect to the components of the state with these
+    indices, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
     """
     steps = (_RELATIVE_STATE_DIFFERENCE_STEP * motion.sizes)[component_indices]
     increments = np.zeros((len(component_indices), len(state)))
@@ -212,8 +215,8 @@ def _state_derivatives(
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the state of the stable equilibrium near a state at rest, found by Newton's method. Raise an
-    ArgumentError if none is found.
+    """Return the state vector of the stable equilibrium near a state at rest, found by Newton's method. Change the
+    attitude that the PairMotion `motion` stores, in place. Raise an ArgumentError if none is found.
 
     Raises:
         ArgumentError: there is no equilibrium near.

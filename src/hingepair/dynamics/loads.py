@@ -23,7 +23,8 @@ KinkSide: TypeAlias = tuple[Array | float, Array | float]
 
 
 class MotionAtInstants(NamedTuple):
-    """Pose and velocities of the pair at n instants, which loads and events get as their argument `now`.
+    """Pose R1, S1 and velocities v1, omega1 of body 1, and hinge angle psi and rate psid, at n instants; arrays,
+    which loads and events get as their argument `now`.
 
     Attributes:
         R1: reference point of body 1, world axes [m]; shape (n, 3).
@@ -86,8 +87,10 @@ class Loads:
     def callables_at(
         self, t: Array, now: MotionAtInstants | None, psi: Array, psid: Array, side: KinkSide | None = None
     ) -> dict[str, Array]:
-        """Evaluate the loads that are callables; return by name forces and torques on the bodies, (n, 3), and
-        hinge_torque, (n,). Raise an ArgumentError if a result does not fit.
+        """Evaluate the loads that are callables at instants t, (n,); return a dict of arrays by name, (n, 3), and
+        hinge_torque, (n,). `now` is the motion at the instants (MotionAtInstants; None if no load needs it), and
+        `side`, (angle, rate) or None, selects the smooth branch of a HingeLoad. Raise an ArgumentError if a result
+        does not fit.
 
         With a side, the torque of a HingeLoad is its smooth branch on that side of its kinks.
         """
@@ -106,8 +109,9 @@ class Loads:
         return loads
 
     def all_at(self, t: Array, now: MotionAtInstants, side: KinkSide | None = None) -> dict[str, Array]:
-        """Evaluate all loads but gravity at n instants, and the parts of a HingeLoad; return arrays by name. Raise an
-        ArgumentError if the result of a callable does not fit.
+        """Evaluate all loads but gravity, and the parts of a HingeLoad, at instants t, (n,); return a dict of arrays
+        by name. `now` is the motion at the instants (MotionAtInstants), and `side`, (angle, rate) or None, selects
+        the smooth branch of a HingeLoad. Raise an ArgumentError if the result of a callable does not fit.
 
         Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
         friction_torque and stop_torque (n,).
@@ -122,14 +126,16 @@ class Loads:
         return loads
 
     def _load_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of a load as users give it: (3,); for planar pairs (2,), () of a torque."""
+        """Return the shape of one value of the load of this name as users give it: (3,); for planar pairs (2,), and
+        () if it is a torque.
+        """
         if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
     def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Check a constant force, torque or gravity, and return its three components in space. Raise an error if it
-        is not finite or has the wrong shape.
+        """Check a constant force, torque or gravity of this name, and return its three components in space as a
+        tuple. The number 0 is accepted for a zero vector. Raise an error if it is not finite or has the wrong shape.
         """
         tail = self._load_shape(name)
         if isinstance(load, int | float) and load == 0:
@@ -139,8 +145,8 @@ class Loads:
 
     @staticmethod
     def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Return the result of a callable load, broadcast to `shape`, which has one value for each instant. Raise an
-        ArgumentError if the result does not fit.
+        """Return the result `value` of the callable load of this name, broadcast to `shape`, which has one value for
+        each instant. Raise an ArgumentError if the result does not fit.
         """
         try:
             return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)

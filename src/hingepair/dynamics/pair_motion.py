@@ -102,7 +102,9 @@ _VELOCITY_AND_MOMENTUM_COMPONENT_MASK: Final = np.repeat([False, True, False, Tr
 
 
 class MotionSamples(NamedTuple):
-    """Samples of a simulated motion at n instants: pose, velocities, accelerations, loads, and number of steps."""
+    """Samples of a simulated motion at n instants t: attitudes `quats` of body 1 (scalar first), pose and velocities
+    as the field `motion`, accelerations, angle phi, a dict of loads by name, and the number of steps.
+    """
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of body 1, scalar first; (n, 4)
@@ -117,7 +119,8 @@ class MotionSamples(NamedTuple):
 
 class PairMotion:
     """Equations of motion of a pair: the first state, the derivatives of any state, and the motion of the bodies in
-    any state. Stores the attitude at the start of the present step, the torque branch, and whether the hinge is held.
+    any state. Stores the attitude at the start of the present step, the torque branch `side`, and `held`, whether the
+    hinge is held.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -159,7 +162,10 @@ class PairMotion:
         constants = Constants(constants_by_name, {}, ())
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
-            """Return the cached compiled call of the plan of some outputs, with the constants of this pair."""
+            """Return the cached compiled call of the plan of the named outputs, with the constants of this pair. If
+            `is_planar_or_none` is None, the call computes them from S1, omega1, psi and psi'; otherwise from the
+            state.
+            """
             plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
             return cached_call(
                 constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend
@@ -203,8 +209,8 @@ class PairMotion:
         )
 
     def first_step_length(self, t: float, span: float) -> float:
-        """Return a length for the first step [s], at most `span`, in which nothing turns by more than a tenth of a
-        radian.
+        """Return a length for the first step [s] from the instant t, at most `span`, in which nothing turns by more
+        than a tenth of a radian.
         """
         rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
         rates[-1] /= max(1, abs(self.state[-1]))
@@ -213,7 +219,7 @@ class PairMotion:
 
     def rates(self, t: Array, states: Array) -> Array:
         """Compute the time derivatives of states, (m, k), at instants t, (m,), on the present branch of the hinge
-        torque; shape (m, k). Those of the angle and the rate of a held hinge are 0.
+        torque, an array (m, k). Those of the angle and the rate of a held hinge are 0.
         """
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))
@@ -245,19 +251,25 @@ class PairMotion:
         return self._torque_to_reach(inputs, self._loads_at(t, inputs, self.side), 0.0)
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
-        """Compute the callable loads at some instants, on the present branch of the torque, by name."""
+        """Compute the callable loads at instants t and states, on the present branch of the torque; return a dict of
+        arrays by name.
+        """
         return self._loads_at(t, self._program_inputs(t, states, self._S0), self.side)
 
     def motion_at(self, t: Array, states: Array) -> MotionAtInstants:
-        """Compute the motion of the pair at some instants of the present step."""
+        """Return the motion of the pair at instants and states of the present step as MotionAtInstants."""
         return self._motion_from_inputs(self._program_inputs(t, states, self._S0))
 
     def _psidd(self, inputs: dict[str, Any], loads: dict[str, Array]) -> Array:
-        """Compute psi'' [rad/s^2] from inputs and loads; shape (m,)."""
+        """Compute psi'' [rad/s^2], an array (m,), from inputs that `_program_inputs` returns and a dict of loads by
+        name.
+        """
         return np.asarray(_run_compiled_call(self._acceleration_call, inputs | loads)["psidd"])
 
     def _torque_to_reach(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
-        """Compute the torque [N m] to add at the hinge so that psi'' has the value `psidd`; shape (m,)."""
+        """Compute the torque [N m] to add at the hinge so that psi'' has the value `psidd`; shape (m,). `inputs` are
+        those that `_program_inputs` returns, and `loads` is a dict of arrays by name.
+        """
         torque = loads["hinge_torque"]
         required = psidd - self._psidd(inputs, loads)
         slope = self._psidd(inputs, loads | {"hinge_torque": torque + 1.0}) - (psidd - required)
@@ -268,8 +280,9 @@ class PairMotion:
         return np.asarray(added)
 
     def restart_attitude(self, state: Array) -> Array:
-        """Rotate the stored attitude by the Cayley coordinates g of a state at the end of a step. Return a copy of
-        the state with g = 0. Of a planar or carried pair the state is returned as it is.
+        """Rotate the stored attitude, in place, by the Cayley coordinates g of a state at the end of a step. Return a
+        copy of the state with g = 0. For a planar pair, or if body 1 moves as given, change nothing and return the
+        state itself.
         """
         if self._is_planar or not self._is_free_or_pinned:
             return state
@@ -280,7 +293,9 @@ class PairMotion:
         return state
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
-        """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps.
+        """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps. `quats`
+        are the attitudes at the starts of their steps, `side` is (angles, rates) that select the torque branches, and
+        `held` says where the hinge is held.
 
         Args:
             t: instants; shape (n,).
@@ -324,8 +339,9 @@ class PairMotion:
         return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
 
     def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
-        """Return the inputs of compiled programs at instants, by name: the state, psi and psi', and the given motions
-        of body 1 and of the hinge. Raise an ArgumentError if a given motion does not fit.
+        """Return a dict of the inputs of compiled programs at instants, by name: the state, psi and psi', and the
+        given motions of body 1 and of the hinge. `S0` are the attitudes at the starts of the steps, (..., 9). Raise
+        an ArgumentError if a given motion does not fit.
         """
         hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
         if self._hinge:
@@ -349,12 +365,16 @@ class PairMotion:
         return hinge | broadcast
 
     def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
-        """Compute the callable loads at some instants, by name."""
+        """Compute the callable loads at instants t from inputs that `_program_inputs` returns; return a dict of
+        arrays by name. `side`, (angle, rate), selects the smooth branch of a HingeLoad.
+        """
         motion = self._motion_from_inputs(inputs) if self.loads.need_motion else None
         return self.loads.callables_at(t, motion, inputs["psi"], inputs["psid"], side)
 
     def _motion_from_inputs(self, inputs: dict[str, Any]) -> MotionAtInstants:
-        """Compute pose and velocities of the pair from inputs that `_program_inputs` returns."""
+        """Compute pose and velocities of the pair from inputs that `_program_inputs` returns; return them as
+        MotionAtInstants.
+        """
         values = inputs | (
             _run_compiled_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest
         )
@@ -363,8 +383,8 @@ class PairMotion:
 
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
-    """Call the given motion of a hinge at instants (n,); return psi, psi' and psi'', (n,) each. Raise an
-    ArgumentError if the results do not fit.
+    """Call the function `hinge` that prescribes the motion of a hinge at instants (n,); return (psi, psi', psi''), an
+    array (n,) each. Raise an ArgumentError if the results do not fit.
     """
     values = call_with_arrays("hinge", hinge, t)
     try:
@@ -376,7 +396,9 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
-    """Run a compiled call on the values of its arguments by name, and return the results by name."""
+    """Run a compiled call on a dict of the values of its arguments, and return the results, which can be read by
+    name. Values that are not its arguments are ignored.
+    """
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
     results = call.fast_path(*arrays.values())
     if results is not None:
@@ -388,8 +410,9 @@ def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
 
 @functools.cache
 def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs: tuple[str, ...]) -> Plan:
-    """Return the cached plan that computes outputs from the state of a pair. If `is_planar` is None, the plan
-    computes them from S1, omega1, psi and psi'.
+    """Return the cached plan that computes the named outputs from the state of a pair. `base` is "free", "pinned" or
+    "carried" (a body 1 whose motion is known), and `has_home` says whether the pair has a home rotation. If
+    `is_planar` is None, not a boolean, the plan computes them from S1, omega1, psi and psi'.
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
@@ -416,7 +439,7 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
 
 
 def _check_hinge_inertia(pair: HingePair) -> None:
-    """Raise an ArgumentError if body 2 has no inertia about the hinge axis beyond round-off."""
+    """Raise an ArgumentError if body 2 of the pair has no inertia about the hinge axis beyond round-off."""
     body2: Any = pair.body2
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
@@ -426,8 +449,8 @@ def _check_hinge_inertia(pair: HingePair) -> None:
 
 
 def _rotate_by_cayley(g: Array, quats: Array) -> Array:
-    """Return the attitudes that follow from `quats` by rotations with Cayley coordinates g, (..., 3), about world
-    axes. Attitudes are unit quaternions (..., 4) with the scalar first.
+    """Rotate the attitudes `quats` by rotations with Cayley coordinates g, (..., 3), about world axes, and return the
+    new attitudes. Attitudes are unit quaternions (..., 4) with the scalar first.
     """
     x, y, z = np.moveaxis(g / 2, -1, 0)
     w, i, j, k = np.moveaxis(quats, -1, 0)

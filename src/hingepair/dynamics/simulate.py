@@ -96,12 +96,14 @@ class _SimulatedMotionBase:
         return f"{text[:-1]}, ended by until)" if self.ended_by_event else text
 
     def energy(self) -> Energy:
-        """Compute kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
+        """Compute the kinetic and potential energy of all bodies that have mass properties at the instants (D7);
+        return an Energy of `.kinetic` and `.potential`, (N,) each.
+        """
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
-        """Compute the energy balance at the first call, and return it: the work of each load since the first instant,
-        and the energies. `print` shows it as a table.
+        """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load
+        since the first instant, and the energies. `print` shows it as a table.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -114,11 +116,13 @@ class _SimulatedMotionBase:
         return self._balance()
 
     def momentum(self) -> Momentum:
-        """Compute linear and angular momentum at the instants; both bodies must have mass properties (D8)."""
+        """Compute the linear and angular momentum at the instants (D8); return a Momentum of `.linear` and
+        `.angular`, (N, 3) each. Raise an ArgumentError unless both bodies have mass properties.
+        """
         return self.space.momentum(self.body1, self.psi, self.psid)
 
     def _hinge_quantities(self) -> dict[str, Array]:
-        """Return the motion of the hinge and the torque at it, by name."""
+        """Return a dict of the arrays psi, psid, psidd and hinge_torque by name."""
         return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
 
 
@@ -140,7 +144,9 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motions of body 1 and the hinge, by name; shape (N, ...)."""
+        """Return a dict of arrays (N, ...) by name: the outputs of the state, the motion R1, S1, v1, omega1, a1,
+        alpha1 of body 1, and psi, psid, psidd and hinge_torque.
+        """
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
         return {**self.state.arrays(), **body1, **self._hinge_quantities()}
 
@@ -152,7 +158,7 @@ class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the outputs of the state, the motions of body 1 and the hinge, by name; shape (N, ...)."""
+        """Return a dict of arrays (N, ...) by name: outputs of the state, phi, psi, psid, psidd and hinge_torque."""
         return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}
 
 
@@ -177,8 +183,10 @@ def simulate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
-    """Simulate the motion of a pair under loads (D1-D6) from the state at t[0]. Return a `SimulatedMotion`, for a
-    PlanarPair a `SimulatedPlanarMotion`. Raise a SimulationError if the simulation cannot be continued to the end.
+    """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
+    t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end it before
+    t[-1]. Warn if psi leaves the limits or goes far into a stop, or if numbers look like wrong units. Raise a
+    SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
     integrated on the rotation group. If the pair is free and has no loads, momentum and angular momentum are
@@ -279,8 +287,9 @@ def simulate(
     def run_simulation(
         tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Run the stepper; return the equations of motion, first state, steps, samples at the instants, and whether
-        `until` ended the motion. Raise a SimulationError if the stepper cannot go on.
+        """Run the stepper with a tolerance and a least number of load evaluations. Return a tuple: PairMotion, first
+        state, StepRecords, MotionSamples at the instants, and whether the event `until` (a callable or None) ended
+        the motion. Raise a SimulationError if the stepper cannot continue.
         """
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
@@ -346,7 +355,8 @@ def simulate(
 
 
 def to_spatial_pair(pair: object) -> HingePair:
-    """Return one pair, planar or not, as a pair in space; raise an ArgumentError for anything else.
+    """Return a single HingePair itself, or the HingePair in space of a single PlanarPair; raise an ArgumentError for
+    anything else.
 
     Raises:
         ArgumentError: the argument is no pair, or several pairs.
@@ -362,8 +372,9 @@ def to_spatial_pair(pair: object) -> HingePair:
 def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Check the arguments that say how the hinge starts or moves, and return psi and psi' at the first instant. Raise
-    an ArgumentError if they cannot be used.
+    """Check the arguments that say how the hinge starts or moves, and return (psi, psi') at the first of the instants
+    t. `hinge` is "free", or a callable that prescribes the motion; psi_0, psid_0 and the torque must then not be
+    given. Raise an ArgumentError if the arguments cannot be used.
     """
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
@@ -379,8 +390,9 @@ def _initial_hinge_motion(
 
 
 def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Check base and start of body 1, and return R, S, v and omega of body 1, psi and psi'. Raise an ArgumentError if
-    they cannot be used. For a base that moves as given, R, v and omega are zeros and S is the identity.
+    """Check `base` and the start `body1` (one BodyMotion), and return a tuple (R, S, v, omega, psi, psid). For a
+    callable base, body1 must be None; R, v and omega are then zeros and S is the identity. Raise an ArgumentError if
+    the arguments cannot be used.
 
     Raises:
         ArgumentError: base or body1 cannot be used; names it.
@@ -414,7 +426,9 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 
 
 def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
-    """Issue a DynamicsWarning for angles and rates that look like degrees, and inertias that are hardly in kg m^2."""
+    """Issue a DynamicsWarning for each angle or rate (of the stops [rad], or of the initial state `start`) that looks
+    like degrees, and for each inertia of a moving body that is hardly in kg m^2.
+    """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
     sentences += degree_suspicions("psid_0", np.array([start[5]]), rates=True)
@@ -431,7 +445,9 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
 
 
 def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
-    """Issue a DynamicsWarning if psi [rad] exceeds a limit that has no stop at or before it."""
+    """Issue a DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair that has no stop at or before
+    it. `stops` are the lower and the upper stop, infinite if there is none.
+    """
     lower = -np.inf if stops[0] >= limits[0] else limits[0]
     upper = np.inf if stops[1] <= limits[1] else limits[1]
     outside = np.flatnonzero((psi < lower) | (psi > upper))
@@ -442,8 +458,8 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 
 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a clause that says by how much psi passes the stops [rad], from its lowest and highest value. Return an
-    empty text if that is at most 0.02 rad.
+    """Return a clause that says by how much psi, from its lowest and highest value, passes the lower or upper stop
+    [rad]. Return an empty text if that is at most 0.02 rad.
     """
     depth = max(stops[0] - lowest, highest - stops[1])
     return (
@@ -454,7 +470,9 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper: tolerance, least number of load evaluations, breaks, and the user's event."""
+    """Options of a run of the stepper: tolerance `tol` [rad], least number of load evaluations, instants (`breaks`)
+    at which loads jump, and the user's event `until`.
+    """
 
     tol: float  # largest error of a step [rad]
     min_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
@@ -463,8 +481,9 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Step from t[0] to t[-1]. Return records of the steps, and the time since t[0] at which `until` ended the
-    motion, or None. Raise a SimulationError if the stepper cannot go on.
+    """Step from t[0] to t[-1] with _RunOptions. Return (list of StepRecords, end), where end is the time since t[0]
+    at which `until` ended the motion, or None. Change the stored attitude and torque branch of `motion`. Raise a
+    SimulationError if the stepper cannot continue.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
@@ -516,7 +535,9 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
 
 
 def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
-    """Compute motion and loads at instants t from the records of the steps; t[0] is the start of the first step."""
+    """Compute motion and loads at instants t from StepRecords, and return them as MotionSamples; t[0] is the start of
+    the first step, at which the state is `first_state`.
+    """
     states, quats, elapsed = np.empty((len(t), len(first_state))), np.empty((len(t), 4)), t - t[:1]
     sides, held, first = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
     if steps:
@@ -534,7 +555,9 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return text for an error: which load jumps at the present time and state of the stepper, and what to do."""
+    """Return text for an error: which load jumps at the present time and state of the Stepper, and what to do.
+    `start` is the instant [s] from which the stepper's time is counted.
+    """
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "a load has no value, or the motion has no bound")
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
@@ -560,6 +583,6 @@ def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
 
 
 def _angle_between(first: Array, second: Array) -> float:
-    """Return the largest angle between attitudes, unit quaternions (n, 4) [rad]."""
+    """Return the largest angle [rad] between two arrays of attitudes, unit quaternions (n, 4), row by row."""
     chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
     return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))
