@@ -129,8 +129,8 @@ _LLVM_KERNEL_CALL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64
 
 
 def call_ir() -> str:
-    """Return the LLVM module, as text, of the function `call`, which Python calls with arrays and which runs a kernel
-    on them.
+    """Return the LLVM module, as text, of the function `call`, which Python calls with arrays or floats. It runs a
+    kernel on them, if it supports them, without copying.
 
     The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
     ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch

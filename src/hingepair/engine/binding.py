@@ -64,7 +64,9 @@ class BoundConstant(NamedTuple):
 
 
 def bind_constant(name: str, sample_shape: ArrayShape, value: Any) -> Any:
-    """Return an input of one sample as a `BoundConstant`; return an input of more than one sample unchanged."""
+    """Return an input of one sample as a `BoundConstant`; return an input of more than one sample unchanged. `value`
+    is a number, an array or a tuple of them, and `sample_shape` is the shape of one sample.
+    """
     bound = bind(((name, sample_shape),), {name: value})
     return value if bound.arrays else BoundConstant(value, bound.pattern, tuple(bound.constants))
 
@@ -201,7 +203,7 @@ ShapeAndStrides: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape an
 
 
 def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides, ...]:
-    """Return a tuple of (shape, strides) of arrays, which `layout_of` takes."""
+    """Return a tuple with the pair (shape, strides [bytes]) of each array, which `layout_of` takes."""
     return tuple((array.shape, array.strides) for array in arrays)
 
 

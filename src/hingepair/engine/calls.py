@@ -506,7 +506,9 @@ def _no_fast_path(*_: Any) -> None:
 
 
 def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
-    """Return the dtype to compute in for inputs by name, which are arrays, numbers, or tuples of them."""
+    """Return the dtype to compute in for inputs by name, which are arrays, numbers, or tuples of them: float32 if all
+    arrays are float32, else float64.
+    """
     return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
 
 

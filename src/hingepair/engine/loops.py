@@ -174,7 +174,8 @@ class OperationCounts(NamedTuple):
 
 
 class TracedFunction(NamedTuple):
-    """Traced constants, traced components of each input array, and results by name of a traced function.
+    """A traced function: the traced values of its constants, of the components of each input array (`arrays`), and
+    its results by name.
 
     Attributes:
         constants: traced values of the constants.
@@ -187,7 +188,9 @@ class TracedFunction(NamedTuple):
     results: dict[str, Any]
 
     def output_components(self, outputs: NamedShapes) -> list[Operand]:
-        """Return the components of the named outputs in one flat list."""
+        """Return the components of the named outputs in one flat list. `outputs` holds pairs (name, shape of one
+        sample).
+        """
         return [component for name, _ in outputs for component in components(self.results[name])]
 
 
@@ -289,7 +292,7 @@ class Program:
         return self.kernel_or_none(key) if pays else None
 
     def existing_kernel(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel if it is already compiled, else None."""
+        """Return the kernel with this key if it is already compiled, else None."""
         return self._kernels.get(key)
 
     def kernel_or_none(self, key: KernelKey) -> Kernel | None:

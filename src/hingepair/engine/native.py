@@ -102,8 +102,8 @@ _C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
 
 def _compile_module(name: str, ir: str) -> Any:
-    """Compile an LLVM module, and return llvmlite's engine that owns its machine code. Raises an error, with the
-    given name of the module, if llvmlite is missing or LLVM fails.
+    """Compile an LLVM module, given as text (`ir`), and return llvmlite's engine that owns its machine code. Raises
+    an error, with the given name of the module, if llvmlite is missing or LLVM fails.
 
     LLVM's optimiser is not run: the trace has been folded already.
 
@@ -135,9 +135,9 @@ def _link_shared_functions(number: str) -> None:
 
 @functools.cache
 def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share for one number type, and record that for the estimates of compile
-    time; the result is cached. Return the engine that owns their machine code, and a dictionary of their addresses by
-    symbol.
+    """Compile the functions that all kernels share for a number type, "double" or "float", and record that for the
+    estimates of compile time. Return the engine that owns their machine code, and a dictionary of their addresses by
+    symbol; the result is cached by number type and processor.
     """
     engine = _compile_module("shared functions", shared_ir(number))
     mark_shared_code_compiled()

@@ -104,8 +104,8 @@ _set_attribute = object.__setattr__
 
 
 def writable_arrays(results: Results) -> dict[str, FloatArray]:
-    """Make the arrays of results writable, and return a dictionary of them. Use this only for results that no user
-    holds.
+    """Make the arrays of results, and the arrays of which they are views, writable, and return a dictionary of them
+    by name, with numbers as arrays. Use this only for results that no user holds.
     """
     names, arrays, _ = results._content
     for array in arrays:
@@ -136,8 +136,8 @@ def _user_view(array: Any) -> Any:
 
 
 def missing_attribute_error(value: object, name: str) -> AttributeError:
-    """Return an AttributeError for an attribute that a value does not have. Its message lists the attributes that
-    exist, except for private names.
+    """Return an AttributeError that says that `value` has no attribute of this name. Its message lists the attributes
+    that exist, unless the name begins with an underscore.
     """
     existing = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
     return AttributeError(f"{type(value).__name__} has no {name!r}{existing}", name=name, obj=value)

@@ -129,7 +129,9 @@ class Trace:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
 
     def input(self, name: str, varies: bool = True) -> TracedValue:
-        """Return a new traced value for an input. `varies` says whether the input differs from sample to sample."""
+        """Return a new traced value for an input, with this name in generated code. `varies` says whether the input
+        differs from sample to sample.
+        """
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
@@ -229,7 +231,9 @@ _COMPONENT_SUFFIXES_BY_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy
 
 
 def component_name(name: str, k: int, count: int) -> str:
-    """Return the name that component k of a result or input with `count` components has in generated code."""
+    """Return the name that component k of a result or input with `count` components has in generated code: `name`
+    itself if count is 1, else `name` with a suffix such as _x or _1.
+    """
     suffixes = _COMPONENT_SUFFIXES_BY_COUNT.get(count)
     return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
 

@@ -93,7 +93,7 @@ def hinge_rotation(n: Vector, hinge_trig: HingeTrig) -> Matrix:
 
 
 def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
-    """Return S2 = S1 Sh C (E5)."""
+    """Return S2 = S1 Sh C as nine entries (E5), where home = C."""
     return compose(compose(S1, Sh), home)
 
 
@@ -119,8 +119,8 @@ def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, co
 
 
 def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
-    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) (E5, E7). The subtraction in body-1 axes precedes
-    the rotation.
+    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) in world axes (E5, E7). The levers are the results
+    of the functions `lever_fixed` and `lever_moving`; they are subtracted in body-1 axes, before the rotation.
     """
     return rotate(S1, subtract(lever_fixed, lever_moving))
 
@@ -143,7 +143,9 @@ def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
 
 
 def velocity2(v1: Vector, omega1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar) -> Vector:
-    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3), where lever_by_psi = S1 n x S2 u2."""
+    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3), where d = R2 - R1 and lever_by_psi = S1 n x
+    S2 u2.
+    """
     return add(v1, subtract(cross(omega1, d), scale(lever_by_psi, psid)))
 
 
@@ -193,12 +195,12 @@ def skew(w: Vector) -> Matrix:
 
 
 def unskew(W: Matrix) -> Vector:
-    """Return the vector w with [w]x equal to the antisymmetric part of the matrix W."""
+    """Return the vector w with [w]x equal to the antisymmetric part of the matrix W, which has nine entries."""
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5
 
 
 def angular_velocity_matrix(S: Matrix, S_dot: Matrix) -> Matrix:
-    """Return the matrix [omega]x = S' S^T (E3) from a rotation S and its time derivative S_dot."""
+    """Return the matrix [omega]x = S' S^T (E3), as nine entries, from a rotation S and its time derivative S_dot."""
     return compose(S_dot, transpose(S))
 
 

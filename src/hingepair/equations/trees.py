@@ -224,8 +224,8 @@ def body_accelerations(
 
 
 def frame_pose(body: Pose, R: Vector, S: Matrix) -> Pose:
-    """Return the pose of a frame that is fixed in a body, at the position R and with the axes S, both in body axes
-    (E7).
+    """Return the pose, in world axes, of a frame that is fixed in a body, at the position R and with the axes S, both
+    in body axes (E7). `body` is the pose of the body.
     """
     arm = rotate(body.S, R)
     return Pose(compose(body.S, S), add(body.d, arm), arm)
@@ -415,8 +415,8 @@ def inertial_wrench(mass: Scalar, first_moment: Vector, second_moment: Symmetric
 def sum_inward(
     links: Sequence[Link], placements: Sequence[Placement], body_wrenches: Iterable[Wrench]
 ) -> list[Wrench]:
-    """Return a list of the wrenches that the joints transmit, in the axes of their bodies, the total wrench on the
-    base first. body_wrenches are the wrenches on the single bodies (T3).
+    """Return a list of the wrenches (force, torque) that the joints transmit, in the axes of their bodies, the total
+    wrench on the base first. body_wrenches are the wrenches on the single bodies, the base first (T3).
     """
     sums = list(body_wrenches)
     for number in range(len(links), 0, -1):
@@ -431,8 +431,8 @@ def sum_inward(
 
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """Return a list with the component of each joint's wrench along the joint axis: a torque for hinges, a force for
-    sliders (T3). The first of the wrenches, that of the base, is skipped.
+    """Return a list with the component of each joint's wrench along the joint axis: the torque of a hinge, the force
+    of a slider (T3). `wrenches` holds pairs (force, torque); the first, that of the base, is skipped.
     """
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
@@ -475,8 +475,8 @@ class Matter(NamedTuple):
 
 
 def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement]) -> list[Matter]:
-    """Return a list of composite bodies (T4), the base first: the matter of each body and all bodies beyond it, in
-    the axes of that body.
+    """Return a list of the `Matter` of composite bodies (T4), the base first: each body together with all bodies
+    beyond it, in the axes of that body.
     """
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
@@ -494,8 +494,8 @@ def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement
 
 
 def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
-    """Return the wrench, in body axes, that moves matter by q'' = 1 of a joint alone: along the z axis of a slider or
-    about that of a hinge (T4).
+    """Return the pair (force, torque), in body axes, that moves matter by q'' = 1 of a joint alone: along the z axis
+    if is_slider is true, else about it (T4).
     """
     x, y, _ = matter.first
     if is_slider:

@@ -165,7 +165,7 @@ def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
 
 
 def vector_along_z(rate: Scalar) -> Vector:
-    """Return the vector along z with this component, such as an angular velocity in the plane."""
+    """Return the vector (0, 0, rate), such as an angular velocity in the plane."""
     return 0, 0, rate
 
 

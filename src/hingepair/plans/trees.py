@@ -273,16 +273,16 @@ class Computation:
         return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
     def jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of (v, omega) of the first frame with respect to the velocities, as a flat tuple row by
-        row.
+        """Return the Jacobian of (v, omega) of the first frame with respect to v1 and omega1 of a free base and to
+        q', as a flat tuple row by row.
         """
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
         own = eq.point_jacobian_columns(self.links, self.poses, body, d)
         return _matrix_rows(self._jacobian_columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """Return (a, alpha) of the first frame as six numbers, for q'' = 0 and, if the base is free, for a base
-        without acceleration.
+        """Return (a, alpha) of the first frame as six numbers, for q'' = 0. A free base is taken to have no
+        acceleration, any other base has the given one.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
         a, alpha = self._accelerations_of_frames(self._body_accelerations(self.zero_rates, base))[0]
@@ -304,11 +304,9 @@ class Computation:
         a: Vector,
         with_loads: bool = True,
     ) -> list[eq.Wrench]:
-        """Return a list of the wrenches that the joints transmit, in the axes of their bodies, the total wrench on
-        the base first (T1-T3). omega, alpha and a are those of the base in base axes; a is its acceleration less
-        gravity. Names the components in generated code.
-
-        If `with_loads` is False, the wrenches that act on links are left out.
+        """Return a list of the wrenches (force, torque) that the joints transmit, in the axes of their bodies, the
+        total wrench on the base first (T1-T3). omega, alpha and a are those of the base in base axes, a less gravity;
+        if `with_loads` is False, the wrenches that act on links are left out. Names the components in generated code.
         """
         feels = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         self._name_components(feels, ("omega", "a", "B"))
@@ -434,8 +432,8 @@ class Computation:
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''). All are NaN
-        where M is singular.
+        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''), of which the
+        first two hold for a free base only. All are NaN where M is singular.
         """
         steps, base = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
@@ -483,8 +481,8 @@ class Computation:
         return tuple(tuple(part + doubt for part in group) for group in groups)
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). All are NaN
-        where M is singular.
+        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''), of which
+        the first two hold for a free base only. All are NaN where M is singular.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """
@@ -519,8 +517,8 @@ class Computation:
         return add(self.values["R1"], self.centre_from_base)
 
     def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of the robot's centre of mass with respect to the velocities, as a flat tuple row by
-        row.
+        """Return the Jacobian of the robot's centre of mass with respect to v1 and omega1 of a free base and to q',
+        as a flat tuple row by row (three rows).
         """
         own = []
         share = _reciprocal(self.composites[0].mass)
@@ -531,8 +529,8 @@ class Computation:
         return _matrix_rows(self._jacobian_columns(own, base))[: 3 * velocity_count(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
-        """Return the acceleration of the robot's centre of mass for q'' = 0 and, if the base is free, for a base
-        without acceleration.
+        """Return the acceleration of the robot's centre of mass for q'' = 0. A free base is taken to have no
+        acceleration, any other base has the given one.
         """
         turning = (
             self.values["omega1"],
