@@ -112,9 +112,9 @@ class ClosedForms:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
     def terms(self, name: str) -> tuple[SumTerms, ...]:
-        """Return the components of an output as tuples of the terms of their sums, in the order of display.
-        Intermediate results are computed once and stored. Raise an ArgumentError for an unknown output, or one whose
-        form is too long.
+        """Return a tuple of the components of the output called `name`, each a tuple of the terms of its sum, in the
+        order of display. Intermediate results are computed once and stored. Raise an ArgumentError for an unknown
+        output, or one whose form is too long.
 
         Args:
             name: one of `names`.
@@ -138,8 +138,9 @@ class ClosedForms:
         return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
 
     def _shorten(self, result_name: str, value: Any) -> Any:
-        """Return a result, one expression or a tuple of components, in the forms that further steps use. Store the
-        forms to display. Raise an ArgumentError if a component has more than MAX_COMPONENT_SYMBOLS symbols.
+        """Return the value of the result called `result_name`, one expression or a tuple of components, in the forms
+        that further steps use. Store its forms to display. Raise an ArgumentError if a component has more than
+        MAX_COMPONENT_SYMBOLS symbols.
         """
         pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
         longest = max(count_symbols(working) for working, _ in pairs)
@@ -161,8 +162,9 @@ class ClosedForms:
 
 
 def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDerivatives:
-    """Return a coordinate with its first and second derivative with respect to t, a tuple of expressions. `expr` None
-    means an unknown function of t. Raise an ArgumentError if a derivative is too long.
+    """Return the coordinate called `name`, an expression in t, with its first and second derivative by t, a tuple.
+    `expr` None stands for an unknown function of t. Raise an ArgumentError if a derivative is too long or does not
+    exist.
     """
     if expr is None:
         t = time_symbol()
@@ -187,8 +189,8 @@ def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDeriva
 def constant_inputs(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
 ) -> dict[str, SumTerms]:
-    """Return u1, u2, n and home as a dict of tuples of expressions. A constant named in `symbolic` has symbols, one
-    in `exact_values` has these values, and any other has exact numbers from the pair's floats.
+    """Return a dict of the pair's u1, u2, n and home, tuples of expressions. A constant named in `symbolic` has
+    symbols, one in `exact_values` has these values, and any other has exact numbers from the pair's floats.
     """
     inputs: dict[str, SumTerms] = {}
     values = pair.constants.values

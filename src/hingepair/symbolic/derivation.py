@@ -39,9 +39,9 @@ class Derivation(ClosedForms):
     __slots__ = ()
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
-        """Return the equations of outputs as text, one equation per component: `omega1_x = 3 + 5 sin t`. With
-        `short`, repeated functions are abbreviated. Raise an ArgumentError for an unknown output, or one whose form
-        is too long.
+        """Return the equations of the outputs named in `names`, all by default, as text, one equation per component:
+        `omega1_x = 3 + 5 sin t`. With `short`, repeated functions are abbreviated; lines have at most `width`
+        characters. Raise an ArgumentError for an unknown output, or one whose form is too long.
 
         First derivatives are written x', second derivatives x''.
 
@@ -60,8 +60,9 @@ class Derivation(ClosedForms):
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
-        r"""Return the equations of outputs as a LaTeX align* environment (amsmath). The derivative of x(t) is written
-        \dot{x}. Arguments and errors are those of `to_text`.
+        r"""Return the equations of the outputs named in `names`, all by default, as the text of a LaTeX align*
+        environment (amsmath). With `short`, repeated functions are abbreviated; the derivative of x(t) is written
+        \dot{x}. Raise an ArgumentError for an unknown output, or one whose form is too long.
         """
         rows, meanings = _abbreviated_rows(self._labelled_terms(names), short)
         lines = [f"{latex_name(name)} &= {to_latex(expr)}" for name, expr in meanings.items()]
@@ -70,11 +71,12 @@ class Derivation(ClosedForms):
         return align_environment(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return the source of a Python module that needs only NumPy, with one vectorised function per output.
-        `title` is put into its docstring. Raise an ArgumentError for an unknown output.
+        """Return the source of a Python module that needs only NumPy, with one vectorised function for each output
+        named in `names`, all by default. `title` is put into its docstring. Raise an ArgumentError for an unknown
+        output.
 
         The arguments are t and the symbols: constants, coordinates such as x, phi_x, psi, their rates xd, phi_xd,
-        psid, and so on. `names` as for `to_text`.
+        psid, and so on.
         """
         parts = [f'"""Closed forms{title_suffix(title)}."""\n\nimport numpy\n']
         for name in self.names if names is None else names:
@@ -82,10 +84,11 @@ class Derivation(ClosedForms):
         return "\n\n".join(parts)
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return a dict from labels such as omega1_x or S2_xy to the source of the component, which `sympy.sympify`
-        reads. Raise an ArgumentError for an unknown output.
+        """Return a dict from labels such as omega1_x or S2_xy to the text of the component's expression, which
+        `sympy.sympify` reads, for the outputs named in `names`, all by default. Raise an ArgumentError for an unknown
+        output.
 
-        Choices are Piecewise, and symbols have no assumptions. `names` as for `to_text`.
+        Choices are Piecewise, and symbols have no assumptions.
         """
         return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
@@ -105,8 +108,8 @@ class Derivation(ClosedForms):
 def _abbreviated_rows(
     labelled_terms: list[tuple[str, SumTerms]], short: bool
 ) -> tuple[list[tuple[str, SumTerms]], dict[str, Expr]]:
-    """Return (rows, definitions): the labelled terms with symbols in place of functions of t, and the abbreviations
-    of repeated functions by name. Without `short` there are no abbreviations.
+    """Replace functions of t by symbols in `labelled_terms`, a list of (label, terms of a sum). Return that list and
+    a dict of the abbreviations of repeated functions, expressions by name, which is empty without `short`.
     """
     rows = [
         (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))
@@ -136,8 +139,8 @@ def _abbreviated_rows(
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
-    """Return a dict from functions to the symbols that abbreviate them: c_1 and s_1 for an angle, c_12 for the sum of
-    two, k_1 for other functions that occur repeatedly.
+    """Return a dict from the functions that occur in terms to the symbols that abbreviate them: c_1 and s_1 for an
+    angle, c_12 for the sum of two, k_1 for other functions that occur repeatedly.
 
     Sines and cosines such as sin t and cos 3t, and functions that occur once, are not abbreviated.
     """
@@ -166,7 +169,9 @@ def _is_short_wave(wave: Expr) -> bool:
 
 
 def _function_source(name: str, component_exprs: list[Expr]) -> str:
-    """Return the Python source of a NumPy function with the given name that computes the components of one output."""
+    """Return the Python source of a NumPy function called `name` that computes an output from its components, a list
+    of expressions.
+    """
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]
     symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})

@@ -37,8 +37,6 @@ def exact_entry(value: float) -> Expr:
     """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or the root of a simple fraction if one
     equals it within rounding, otherwise the number that its shortest decimal form shows.
 
-    These are 0, 1, -1 and roots of simple fractions; any other entry is the number that its shortest decimal writes.
-
     >>> exact_entry(6e-17), exact_entry(0.7071067811865475), exact_entry(-0.25)
     (0, sqrt(2)/2, -1/4)
     """

@@ -141,8 +141,9 @@ def parse_expression(
 def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text without t, such as `pi/6`, and return its SymPy expression. Arguments are those of
-    `parse_expression`. Raise an ArgumentError if the text depends on t or cannot be parsed.
+    """Parse a text without t, such as `pi/6`, and return its SymPy expression. `name` is used in messages; names in
+    `constants` are replaced by their values, names in `symbols` stay symbols. Raise an ArgumentError if the text
+    depends on t or cannot be parsed.
 
     Raises:
         ArgumentError: as for `parse_expression`, or the text depends on t.
@@ -358,8 +359,9 @@ class _ExpressionBuilder:
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedPart
     ) -> _ParsedPart:
-        """Return the parsed part that results from a function of parsed parts, computed from their expressions and,
-        if they have no t, from their floats. Raise an ArgumentError for a result that is not finite or too large.
+        """Apply a function to parsed parts, `operate_exactly` to their expressions and `operate_on_floats` to their
+        floats if none depends on t; return the result as a parsed part. Raise an ArgumentError on the syntax node if
+        the result is not finite or too large.
         """
         exprs, values = zip(*parts, strict=True)
         try:
@@ -369,8 +371,8 @@ class _ExpressionBuilder:
         return self._checked_part(node, operate_exactly(*exprs), value)
 
     def _checked_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
-        """Return a parsed part of an expression. Raise an ArgumentError if the expression is not finite or too large.
-        `value` is its float, if it has no t and the float is known.
+        """Return `expr` as a parsed part, with its float if it has no t; `value` is this float if it is known. Raise
+        an ArgumentError on the syntax node if the expression is not finite or too large.
         """
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
@@ -453,7 +455,9 @@ class _ExpressionBuilder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
-        """Raise an ArgumentError on the text; if a column is given, the error shows a caret there."""
+        """Raise an ArgumentError that says what was expected and what it got instead. If a column is given, counted
+        from 1, a note shows the text with a caret there.
+        """
         error = ArgumentError(self.name, expected, got)
         if column is not None:
             error.add_note(line_with_caret(self.line, column))
@@ -461,8 +465,8 @@ class _ExpressionBuilder:
 
 
 def _nest_by_halves(function: Callable[[Expr, Expr], Expr], arguments: Sequence[Expr]) -> Expr:
-    """Return Larger or Smaller (`function`) of many arguments as a balanced tree of pairs, since SymPy fails on deep
-    nesting.
+    """Return Larger or Smaller, whichever `function` is, of many arguments, as a balanced tree of calls with two
+    arguments, since SymPy fails on deep nesting.
     """
     half = len(arguments) // 2
     return (

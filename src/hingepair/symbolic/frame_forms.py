@@ -47,8 +47,8 @@ _DESCRIPTION_BY_OUTPUT: Final = {
 
 
 class _EquationLine(NamedTuple):
-    """Equation of one or more equal components: their labels and their common expression, which may contain labels of
-    earlier lines.
+    """Equation of one or more equal components: `labels`, their names, and `expr`, their common expression, which may
+    contain labels of earlier lines.
     """
 
     labels: tuple[str, ...]
@@ -138,8 +138,9 @@ class FrameForms:
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = True, width: int = 100) -> str:
-        """Return the equations of outputs as text, one equation per component: `R_x = c_1 k_1 - s_1 k_2`. With
-        `short`, sines, cosines and repeated sums are abbreviated. Raise an ArgumentError for an unknown output.
+        """Return the equations of the outputs named in `names`, all by default, as text, one equation per component:
+        `R_x = c_1 k_1 - s_1 k_2`. With `short`, sines, cosines and repeated sums are abbreviated; lines have at most
+        `width` characters. Raise an ArgumentError for an unknown output.
 
         Components that are equal are in one line; those that are 0 are in the last one. Rates are q_1'.
 
@@ -161,8 +162,9 @@ class FrameForms:
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = True) -> str:
-        r"""Return the equations of outputs as a LaTeX align* environment (amsmath). Rates are written \dot{q}_1.
-        Arguments and errors are those of `to_text`.
+        r"""Return the equations of the outputs named in `names`, all by default, as the text of a LaTeX align*
+        environment (amsmath). With `short`, sines, cosines and repeated sums are abbreviated; rates are written
+        \dot{q}_1. Raise an ArgumentError for an unknown output.
         """
         rows = self._display_lines(self._checked_names(names), short)
         definitions = {**self._point_values(rows), **self._used_trig(rows)}
@@ -175,10 +177,11 @@ class FrameForms:
         return notes + align_environment(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return the source of a Python module that needs only NumPy, with one function of q, or of q and qd, per
-        output. `title` is put into its docstring. Raise an ArgumentError for an unknown output.
+        """Return the source of a Python module that needs only NumPy, with one function of q, or of q and qd, for
+        each output named in `names`, all by default. `title` is put into its docstring. Raise an ArgumentError for an
+        unknown output.
 
-        Symbols of points are arguments, with the robot's numbers as defaults. `names` as for `to_text`.
+        Symbols of points are arguments, with the robot's numbers as defaults.
         """
         lines = [wrap_equation(docstring_text(note), 100) for note in (f"{self._legend()}.", *self._notes)]
         module = "\n".join(
@@ -187,10 +190,11 @@ class FrameForms:
         return "\n\n".join([module, *map(self._function_source, self._checked_names(names))])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return a dict from labels such as R_x, S_xy or Jv_x1 to the source of the component, which `sympy.sympify`
-        reads. Raise an ArgumentError for an unknown output.
+        """Return a dict from labels such as R_x, S_xy or Jv_x1 to the text of the component's expression, which
+        `sympy.sympify` reads, for the outputs named in `names`, all by default. Raise an ArgumentError for an unknown
+        output.
 
-        Components are expressions in q_1, qd_1 and so on. `names` as for `to_text`.
+        Components are expressions in q_1, qd_1 and so on.
         """
         return {
             label: to_sympy_source(self._in_coordinates(expr))
@@ -232,8 +236,9 @@ class FrameForms:
             yield from zip(labels, self._program.results[name], strict=True)
 
     def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
-        """Return the equation lines of outputs in the order of display. Columns of the Jacobian for joints that do
-        not move the frame are left out. `short` is as for `to_text`.
+        """Return a list of the equation lines of the named outputs in the order of display. Columns of the Jacobian
+        for joints that do not move the frame are left out. With `short`, sines, cosines and repeated sums are
+        abbreviated.
         """
         hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
         columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
@@ -242,8 +247,9 @@ class FrameForms:
         )
 
     def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return the equation lines of labelled components, each after the lines that it uses. Equal components share
-        a line, and all zeros are in the last one.
+        """Return a list of the equation lines of components, pairs (label, expression), each after the lines that it
+        uses. Equal components share a line, and all zeros are in the last one. With `short`, sines, cosines and
+        repeated sums are abbreviated.
         """
         labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
         for label, expr in labelled_components:
@@ -255,12 +261,14 @@ class FrameForms:
         return [*rows, _EquationLine(tuple(zeros), sympy.S.Zero)] if zeros else rows
 
     def _point_values(self, rows: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the values of the point symbols that occur in lines, a dict by symbol."""
+        """Return a dict of the exact values [m] of the symbols of points that occur in equation lines, by symbol."""
         symbols = set().union(*(row.expr.free_symbols for row in rows))
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
     def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the sines and cosines that occur in lines, a dict by symbol in the order of display."""
+        """Return a dict from the symbols of sines and cosines that occur in equation lines to these functions, in the
+        order of display.
+        """
         symbols = set().union(*(row.expr.free_symbols for row in lines))
         used_items = [item for item in self._program.waves.items() if item[0] in symbols]
         return dict(
@@ -282,7 +290,9 @@ class FrameForms:
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the Python source of the NumPy function that computes the output `name`."""
+        """Return the Python source of a NumPy function that computes the output called `name` from q, for v and omega
+        also from qd.
+        """
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
@@ -358,7 +368,9 @@ class _LineNamer:
         return uses
 
     def _add_line(self, row: _EquationLine) -> None:
-        """Append the line of a component, after the lines that it uses."""
+        """Append the equation line of a component, after the lines that it uses and that are missing. Its label
+        replaces the symbol that it defines in later lines.
+        """
         symbol = _defined_symbol(row, self._definitions)
         if symbol is None or symbol in self._names or self._defining_lines[symbol] is not row:
             self._lines.append(_EquationLine(row.labels, self._replace_symbols(row.expr)))
@@ -390,8 +402,8 @@ class _LineNamer:
 
 
 def _defined_symbol(row: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
-    """Return the symbol whose definition, with either sign, is the line's expression; None if there is no such
-    symbol.
+    """Return the symbol out of `definitions` that, with either sign, is the whole expression of the equation line;
+    None if it is none of them.
     """
     return next((symbol for symbol in (row.expr, -row.expr) if symbol in definitions), None)
 
@@ -402,16 +414,17 @@ def _display_terms(expr: Expr) -> tuple[Expr, ...]:
 
 
 def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[str]:
-    """Return a list with one line of text of all definitions, formatted by `write`; an empty list without
-    definitions.
+    """Return a list of at most one line of text, in which all definitions are joined by semicolons, such as "c_1 =
+    cos q_1; s_1 = sin q_1". `definitions` maps symbols to expressions, and `write` is a function from an expression
+    to its text.
     """
     line = "; ".join(f"{symbol} = {write(expr)}" for symbol, expr in definitions.items())
     return [line] if line else []
 
 
 def _with_decimals(expr: Expr) -> Expr:
-    """Return an expression in which each number that is not an integer is replaced by a symbol whose name is its
-    decimal text.
+    """Return a copy of an expression in which each constant part that is not an integer is replaced by a symbol whose
+    name is its decimal text. Powers with symbols stay unchanged.
     """
     if not expr.free_symbols:
         value = constant_value(expr)

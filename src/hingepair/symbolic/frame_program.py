@@ -45,15 +45,17 @@ _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for
 
 
 class _Lever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints, with the angle by which the group rotates it."""
+    """Vector that is fixed in a body of a group of parallel joints, at angle 0, and the angle by which the group
+    rotates it.
+    """
 
     angle: Expr  # that rotates it about the group's axis [rad]
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
 class _HingePart(NamedTuple):
-    """Hinge in a group of parallel joints: the column of its coordinate in q, and the ratio of its rate to that
-    coordinate's rate.
+    """Hinge in a group of parallel joints: `column`, that of its coordinate in q, and `ratio`, its rate divided by
+    that coordinate's rate.
     """
 
     column: int  # of its coordinate in q
@@ -61,8 +63,8 @@ class _HingePart(NamedTuple):
 
 
 class _SliderPart(NamedTuple):
-    """Slider in a group of parallel joints: rotation angle, direction, position along it, column of its coordinate in
-    q, and ratio of its rate to that coordinate's rate.
+    """Slider in a group of parallel joints: `angle`, which rotates it with the group, its direction, its position
+    along it (`shift`), the column of its coordinate in q, and the ratio of its rate to that coordinate's rate.
     """
 
     angle: Expr  # that rotates it about the group's axis [rad]
@@ -175,8 +177,8 @@ class FrameProgram:
     # ---- groups of joints
 
     def _groups(self, tree: Tree, joint_numbers: Sequence[int]) -> list[_ParallelJoints]:
-        """Return the joints of a path as a list of groups of consecutive joints with parallel axes. `joint_numbers`
-        counts joints from 1. Symbols of points are defined on the way.
+        """Return a list of groups of consecutive joints with parallel axes, made of the joints of a robot on a path;
+        `joint_numbers` counts them from 1. Symbols of points are defined on the way.
         """
         groups = [_ParallelJoints()]
         for number in joint_numbers:
@@ -210,7 +212,8 @@ class FrameProgram:
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
         """Return a point [m] as three exact numbers. If points are symbolic, components that are not 0 become new
-        symbols, and their values are stored in `numbers`. Round-off counts as 0 and is recorded.
+        symbols that begin with `name`, and their values are stored in `numbers`. Round-off counts as 0 and is
+        recorded.
         """
         size = float(np.abs(point).max())
         parts = []
@@ -259,8 +262,8 @@ class FrameProgram:
         return tuple(self._name_sum(sympy.sympify(expr)) for expr in parts)
 
     def _name_sum(self, expr: Expr) -> Expr:
-        """Return a symbol, with a sign, in place of a sum, and any other expression unchanged. Define a new symbol in
-        `definitions`.
+        """Return a symbol, with a sign, in place of an expression that is a sum; return any other expression
+        unchanged. Define a new symbol in `definitions`.
         """
         if not expr.is_Add:
             return expr
@@ -275,8 +278,9 @@ class FrameProgram:
     # ---- attitudes outward, levers inward
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
-        """Return (attitudes, rotated): the attitude matrices at the start of each group and of the frame, and those
-        after the rotation of each group. Symbols of sums are defined.
+        """Return two lists of rotation matrices, each of nine expressions: the attitudes at the start of each group
+        of parallel joints and of the frame, and those after the rotation of each group. Define symbols of sums in
+        `definitions`.
         """
         attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX_EXPR]
         rotated: list[MatrixExpr] = []
@@ -291,8 +295,8 @@ class FrameProgram:
         attitudes: Sequence[MatrixExpr],
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return R, jacobian, v and omega of the frame as a dict of tuples of expressions, computed from the vectors
-        from each joint to the frame. Symbols of sums are defined.
+        """Return a dict of R, jacobian, v and omega of the frame, tuples of expressions, from the groups of parallel
+        joints and the attitudes before and after each group's rotation. Define symbols of sums in `definitions`.
         """
         lever = _ZERO_VECTOR_EXPR
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
@@ -355,7 +359,9 @@ class FrameProgram:
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
-    """Return the numbers, counted from 1, of the joints on the path from the base to a body, a list."""
+    """Return a list of the numbers, counted from 1, of the robot's joints on the path from the base to the body with
+    the number `body`.
+    """
     numbers = []
     while body:
         numbers.append(body)

@@ -120,8 +120,8 @@ class DerivativeProgram:
         return steps[::-1]
 
     def _combine(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return the value and derivatives of an expression from those of its arguments. Add the steps that compute
-        them, and the switches of kinks.
+        """Return the value and first and second derivative of an expression, a tuple of numbers and symbols of steps,
+        from the tuples of its arguments. Add the steps that compute them, and the switches of kinks.
         """
         if expr.is_Mul:
             return functools.reduce(self._multiply, argument_derivatives)
@@ -169,16 +169,17 @@ class DerivativeProgram:
         return self._sides[guard]
 
     def _multiply(self, a: ValueAndDerivatives, b: ValueAndDerivatives) -> ValueAndDerivatives:
-        """Return the value and derivatives of a product, (a b)'' = a'' b + 2 a' b' + a b'', as numbers and symbols of
-        steps, which are added.
+        """Return the value and first and second derivative of the product of two factors, each given as such a tuple,
+        by (a b)'' = a'' b + 2 a' b' + a b''. The results are numbers and symbols of steps, which are added.
         """
         first = a[1] * b[0] + a[0] * b[1]
         second = a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]
         return self._name_step(a[0] * b[0]), self._name_step(first), self._name_step(second)
 
     def _differentiate(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return the value and derivatives of a function of symbols by the chain rule, as numbers and symbols of
-        steps, which are added. `expr` is the function in terms of its arguments' value symbols.
+        """Return the value and first and second derivative of `expr`, a function of its arguments' value symbols, by
+        the chain rule, from the tuples of its arguments. The results are numbers and symbols of steps, which are
+        added.
         """
         parts = {value: (first, second) for value, first, second in argument_derivatives if value.is_Symbol}
         value, first, second = self._name_step(expr), 0, 0

@@ -34,8 +34,8 @@ def constant_value(expr: Expr) -> float:
 
 
 def _without_proofs(function: type) -> type:
-    """Return a subclass of a SymPy hyperbolic function that is declared as real, and about which SymPy derives no
-    other property such as its sign.
+    """Return a subclass of the given SymPy hyperbolic function that is declared as real, and about which SymPy
+    derives no other property such as its sign.
 
     To find out whether such a function is zero or positive, SymPy splits its argument into real and imaginary parts,
     which takes for ever where the argument is a sum or product of many roots.

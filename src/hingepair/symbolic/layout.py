@@ -25,8 +25,8 @@ def wrap_equation(line: str, width: int) -> str:
 
 
 def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return the pieces of a line wrapped to `width`. Each pair in `marked_breaks` is a text and its copy with a null
-    character at the place of a possible break.
+    """Return a list of the pieces of a line wrapped to `width` characters. Each pair in `marked_breaks` is a text and
+    its copy with a null character at the place of a possible break.
     """
     fixed = line.lstrip()
     for text, marked_text in marked_breaks:
@@ -44,8 +44,8 @@ def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int)
 
 
 def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[str]:
-    """Return the lines of the LaTeX equation `label = sum of terms` for an align* environment, a list. `format_term`
-    returns the LaTeX of a term.
+    """Return a list of the lines of the LaTeX equation `label = sum of terms` for an align* environment, broken
+    between terms if they are long. `format_term` is a function from a term to its LaTeX.
     """
     lines: list[str] = []
     line, filled = f"{latex_name(label)} &=", 0

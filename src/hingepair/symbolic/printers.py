@@ -36,22 +36,24 @@ Writer: TypeAlias = Callable[[Expr], str]
 
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
-    """Return the text of a sum, its terms in the given order, each formatted by `write`. Derivatives of functions of
-    t are x', x''.
+    """Return the text of a sum of terms in the given order, each formatted by `write`, a function from an expression
+    to its text. Derivatives of functions of t are x', x''.
     """
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
 def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
-    """Return the texts of the terms of a sum in the given order, each after its sign: `+ x'`, `- 2 sin t`."""
+    """Return a list of the texts of the terms of a sum in the given order, each after its sign: `+ x'`, `- 2 sin t`.
+    `write` is a function from an expression to its text.
+    """
     symbolic_terms = with_symbols(terms, "'")
     return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
 
 
 def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
-    """Return the expressions with functions of t and their derivatives replaced by symbols. The derivative mark is
-    repeated: psi, psi', psi'' for the mark '.
+    """Return a list of the expressions with functions of t and their derivatives replaced by symbols.
+    `derivative_mark` is repeated in their names: psi, psi', psi'' for the mark '.
     """
     expressions = list(exprs)
     symbols = {
@@ -363,9 +365,8 @@ def count_symbols(expr: Expr) -> int:
 
 def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
     """Return the terms of a sum as a sorted tuple: terms with few symbols first, but if possible a term without a
-    minus sign at the front.
-
-    Terms with equally many symbols are sorted by coefficient, or, with `by_symbols`, by symbols, short names first.
+    minus sign at the front. Terms with equally many symbols are sorted by coefficient or, with `by_symbols`, by the
+    symbols, short names first.
     """
 
     def key(term: Expr) -> tuple[int, Any, Any]:

@@ -69,8 +69,8 @@ class TimeFunctions:
         """Return values and derivatives up to `order` at t: a tuple for each order, with one entry per expression. An
         entry is an array of t's shape, or a float if it does not depend on t.
 
-        Entries are arrays of t's shape, or Python floats where they do not depend on t. Samples where an expression
-        has no real value, or no derivative, are NaN; at a kink, derivatives are those from the right.
+        Samples at which an expression has no real value, or no derivative, are NaN; at a kink, derivatives are those
+        from the right.
 
         Args:
             t: instants [s]; shape (...).
@@ -83,8 +83,8 @@ class TimeFunctions:
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *instants_and_values: NDArray[np.float64]) -> tuple[TimeValue, ...]:
-        """Return the values of the expressions at instants t and values of the further symbols, given as arrays of
-        one shape. Constant expressions give floats, complex results give NaN.
+        """Return a tuple of the values of the expressions at instants t and values of the further symbols, given in
+        turn as arrays of one shape. Constant expressions give floats, complex results give NaN.
         """
         function = self._compiled(tuple(value for value, _, _ in self._derivatives))
         with np.errstate(all="ignore"):
@@ -100,8 +100,8 @@ class TimeFunctions:
         return switched
 
     def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[TimeValue]:
-        """Return the values of program results at all instants, a list of arrays (N,), evaluated in blocks. A result
-        without t is a float.
+        """Return a list of the values of program results, expressions or symbols of steps, at the instants t, arrays
+        of shape (N,), computed in blocks. A result that does not depend on t is a float.
         """
         constants = [self._program.value(result) for result in results]
         rows = {result: np.empty(t.shape) for result, value in zip(results, constants, strict=True) if value is None}
@@ -115,7 +115,9 @@ class TimeFunctions:
         return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]
 
     def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
-        """Return a NumPy function of t and the further symbols that returns the values of program results."""
+        """Return a NumPy function of t and the further symbols, in turn, that returns the values of program results,
+        which are expressions or symbols of steps.
+        """
         steps = self._program.steps_for(list(results))
         function: Callable[..., Sequence[Any]] = sympy.lambdify(
             self._symbols,

@@ -23,8 +23,8 @@ MAX_MULTIPLIED_TERM_PAIRS: Final = 10_000
 
 
 class _TrigTerm(NamedTuple):
-    """Term of a sum without its rational coefficient: rest * sin(angle) or rest * cos(angle). A term without sine or
-    cosine has angle 0.
+    """Term of a sum without its rational coefficient: rest * sin(angle) if `is_sine`, else rest * cos(angle). A term
+    without sine or cosine has angle 0.
     """
 
     rest: Expr
@@ -118,8 +118,8 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
-    """Return the product of two sums as a dict of coefficients by term. Raise _TooManyTermsError if it is too
-    long.
+    """Return the product of two sums, dicts of coefficients by term, as such a dict. Raise _TooManyTermsError if it
+    is too long.
     """
     if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
         raise _TooManyTermsError
@@ -165,8 +165,8 @@ def _multiply_factors(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Frac
 
 @functools.lru_cache(maxsize=65536)
 def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return the sine or cosine of an angle in SymPy's standard form, so that equal terms compare equal: a tuple of
-    one (term, coefficient) pair, empty if the value is 0.
+    """Return the sine (if `is_sine`) or cosine of an angle in SymPy's standard form, so that equal terms compare
+    equal: a tuple of one (term, coefficient) pair, empty if the value is 0.
     """
     coefficient, wave = _split_rational(sine_expression(angle) if is_sine else cosine_expression(angle))
     if not coefficient:

@@ -63,8 +63,9 @@ def cross_validate(
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> CrossValidation | RobotValidation:
-    """Compare the outputs of a pair or a robot with those of Pinocchio, state by state; return a report that says
-    whether they agree.
+    """Compare the outputs of a pair or a robot at the states q, qd, qdd with those of Pinocchio; return a report that
+    says whether they agree, a CrossValidation or a RobotValidation. `sequence` is the Euler sequence of a pair's
+    coordinates; `frames`, `base_motion` and `gravity` are for robots only.
 
     The computations share no code: Pinocchio also computes the attitude and the rates of body 1, as those of a chain
     of three revolute joints in the order of the Euler sequence.
@@ -144,7 +145,8 @@ def cross_validate_from_body1(
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
 ) -> CrossValidation:
-    """Compute body 2 from the motion of body 1 by the equations and by Pinocchio; return a report on the comparison.
+    """Compute the motion of body 2 by the equations and by Pinocchio, from the motion of body 1 and psi, with psid
+    and psidd as far as given; return a CrossValidation, the report on their comparison.
 
     This function compares the same outputs as `cross_validate`, but takes the attitude of body 1 as a matrix instead
     of Euler angles. Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a
@@ -180,8 +182,9 @@ def cross_validate_from_body1(
 
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return a dict of the arguments at every sample, as float64 arrays (N, ...) by name. A sample at which one
-    argument is not finite becomes NaN in all of them.
+    """Return a dict of the named arguments, each an array or a tuple of components, broadcast to all samples of the
+    leading shape `shape`, as float64 arrays (N, ...). A sample at which one argument is not finite becomes NaN in all
+    of them.
     """
     arrays: dict[str, Float64Array] = {}
     for name, value in arguments.items():
@@ -204,9 +207,9 @@ def _compare_with_pinocchio(
     rate_sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """Compute body 2 by Pinocchio, and return the report on its comparison with a state. `body1` and `hinge` (psi
-    and, as far as given, its derivatives) have shape (N, ...); `rate_sizes` are sizes of omega1 and alpha1 for the
-    scales.
+    """Compute body 2 by Pinocchio's model `twin`, and return the report on its comparison with the given state of the
+    pair. `body1` and `hinge` (psi and, as far as given, its derivatives) have shape (N, ...); `rate_sizes` are sizes
+    of omega1 and alpha1 for the scales, and `sequence` is only for the report.
     """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
@@ -227,8 +230,9 @@ def _compare_with_pinocchio(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio, and return a dict by output name; d is computed with R1 = 0. `body1`
-    has shape (N,), and `hinge` lists psi and, as far as given, its derivatives, shape (N,) each.
+    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output name;
+    d is computed with R1 = 0. `body1` has shape (N,), and `hinge` lists psi and, as far as given, its derivatives,
+    shape (N,) each.
     """
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None

@@ -68,7 +68,8 @@ def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def _required_array(body1: BodyMotion, name: str) -> Float64Array:
-    """Return an attribute of a motion as a float64 array; raise an ArgumentError if it is None.
+    """Return the attribute called `name` of the motion of body 1 as a float64 array. Raise an ArgumentError if it is
+    None.
 
     Raises:
         ArgumentError: it is not given.
@@ -92,9 +93,9 @@ def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
 
 
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of a frame by Pinocchio, sample by sample, and return a dict by name: R and S; with v also v
-    and omega; with a also a and alpha. Vectors are in world axes; accelerations are classical. Pinocchio's `data` is
-    overwritten.
+    """Compute the motion of the frame with index `frame` by Pinocchio's model at `coordinates`, a list of q, or q and
+    v, or q, v and a; return a dict of arrays (N, ...): R and S; with v also v and omega; with a also a and alpha.
+    Vectors are in world axes, accelerations classical; Pinocchio's `data` is overwritten.
 
     Args:
         model: of Pinocchio.

@@ -40,8 +40,8 @@ MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PinocchioTwin:
-    """A pair as a Pinocchio model, with methods that convert coordinates to Pinocchio's and back, and that compute
-    body 2.
+    """A pair as a Pinocchio model: `model` and its `data`, the index `body2_frame` of the frame of body 2, and
+    methods that convert coordinates to Pinocchio's and back, and that compute body 2.
 
     Attributes:
         model: Pinocchio model with the free-flyer "root_joint", then the revolute joint "hinge"; the frames "body1"
@@ -173,7 +173,8 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """Build a pair or a robot as a Pinocchio model; return the model with methods that convert coordinates.
+    """Build a pair or a robot as a Pinocchio model; return a PinocchioTwin for a pair, a RobotTwin for a robot. It
+    holds the model and has methods that convert coordinates.
 
     The model of a pair has a free-flyer for body 1, a revolute joint about n at u1, and a frame of body 2. Masses and
     limits are in the model if the pair has them. If body1 or body2 is None, its mass in the model is 0; this is
@@ -238,8 +239,8 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
 
 
 def _join_with_last(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
-    """Join the arrays of `parts` and the last of the hinge's arguments along the last axis; return an array with the
-    leading axes of all, broadcast. Raise an ArgumentError if they do not broadcast.
+    """Join the arrays of `parts` and the last of the further named arguments (psi, psid, psidd) along the last axis;
+    return an array with the leading axes of all, broadcast. Raise an ArgumentError if they do not broadcast.
     """
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})

@@ -80,8 +80,9 @@ class Comparison:
         shape: tuple[int, ...],
         bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS,
     ) -> Comparison:
-        """Return the comparison of one output from its errors, shape (N,), and the same errors in units of u * scale
-        (`ratio`), shape (N,). `shape` is the leading shape of the samples; NaN is not compared.
+        """Return the Comparison of the output named `output` from its errors, shape (N,), and the same errors in
+        units of u * scale (`ratio`), shape (N,). `shape` is the leading shape of the samples, `bound` the largest
+        ratio that passes; NaN is not compared.
         """
         compared = ~np.isnan(ratio)
         if not compared.any():
@@ -119,8 +120,8 @@ class RateComparison:
 
     @classmethod
     def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the comparison of one rate from its differences, shape (N,), from the slope of a quantity; `allowed`
-        is the largest difference that passes. NaN is not compared.
+        """Return the RateComparison of the named rate from `error`, its differences from the slope of the named
+        quantity, shape (N,). `allowed` is the largest difference that passes. NaN is not compared.
         """
         compared = ~np.isnan(error)
         if not compared.any():
@@ -211,7 +212,9 @@ class CrossValidation(Shown):
         return f"CrossValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the comparison: title, a row per output or rate, and notes with the verdict."""
+        """Return the printed table of the comparison as a Sheet of texts: a title, a heading and a row for each
+        output, load or rate, and notes with the verdict.
+        """
         title = f"{self.name}: the equations against Pinocchio"
         rows = (
             _OUTPUT_TABLE_HEADINGS,

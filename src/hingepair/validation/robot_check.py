@@ -34,8 +34,9 @@ def cross_validate_robot(
     base_motion: BodyMotion | None,
     gravity: ArrayLike,
 ) -> RobotValidation:
-    """Compute the outputs of a robot by the equations and by Pinocchio, and return a report on their comparison.
-    Raise an ArgumentError for an unknown frame or coordinates that cannot be used.
+    """Compute the outputs of a robot by the equations and by Pinocchio at q, and qd and qdd as far as `coordinates`
+    has them; return a RobotValidation, the report on their comparison. `frames` names the compared frames; None
+    stands for all links. Raise an ArgumentError for an unknown frame or unusable coordinates.
 
     Args:
         robot: the robot.
@@ -130,8 +131,9 @@ def _outputs_by_equations(
     gravity: Float64Array,
     shape: tuple[int, ...],
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by the equations, and return a dict by name; shape (N, ...) each. Jacobians are
-    computed for `tips` only.
+    """Compute the outputs to compare by the equations, and return a dict of arrays (N, ...) by output name.
+    `coordinates` holds q and, as far as given, qd and qdd; Jacobians are computed for the frames `tips` only. `shape`
+    is the leading shape of the N samples.
     """
     q, *rates = coordinates.values()
     base_argument: dict[str, Any] = {"base_motion": base_motion}
@@ -160,8 +162,9 @@ def _outputs_by_equations(
 def _outputs_by_pinocchio(
     robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by Pinocchio, and return a dict by name; shape (N, ...) each, NaN at samples
-    that are not finite. Jacobians are computed for `tips` only.
+    """Compute the outputs to compare by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output
+    name, NaN at samples that are not finite. Motions are those of the named frames; Jacobians are computed for `tips`
+    only.
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
@@ -191,8 +194,8 @@ def _outputs_by_pinocchio(
 
 
 def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
-    """Return a list of Pinocchio's q, of v if the samples have rates, and of a if they have accelerations; shape
-    (N, ...) each.
+    """Return a list of Pinocchio's q, of v if the samples have rates, and of a if they have accelerations, shape (N,
+    ...) each. `twin` is Pinocchio's model of the robot.
     """
     joints, base = samples.joints, samples.base
     made: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
@@ -200,8 +203,8 @@ def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Ar
 
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
-    """Return the matrices that convert the velocities of the robot's mass matrix, which are the columns, to
-    Pinocchio's v; shape (N, nv, columns).
+    """Return the matrices that convert the velocities of the robot's mass matrix, with those of the base only if it
+    is free, to the v of Pinocchio's model `twin` at every sample; shape (N, nv, columns).
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
@@ -212,7 +215,9 @@ def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples
 
 
 def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
-    """Return Pinocchio's type of the frame of that name in the twin: of a link, a further frame or a joint."""
+    """Return Pinocchio's type of the robot's frame of that name, that of a link, of a further frame or of a joint.
+    `pin` is the module pinocchio.
+    """
     if name in robot.tree.links:
         return pin.FrameType.BODY
     return pin.FrameType.OP_FRAME if name in robot.tree.frames else pin.FrameType.JOINT
@@ -221,8 +226,9 @@ def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
 def _frame_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]
 ) -> dict[str, Float64Array]:
-    """Compute the motion of frames by Pinocchio at one state (q and, as far as given, v and a), and return a dict of
-    arrays (frames, ...) by output name. d is the position of a frame if the base is at the origin.
+    """Compute the motion of frames, given by index, by Pinocchio's model `twin` at one state, a list of q and, as far
+    as given, v and a; return a dict of arrays (frames, ...) by output name. d is the position of a frame if the base
+    is at the origin. `pin` is the module pinocchio.
     """
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
@@ -248,8 +254,9 @@ def _frame_outputs(
 def _mass_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], velocity_matrix: Float64Array
 ) -> dict[str, Any]:
-    """Compute Jacobians and mass matrix, with v also energies and momenta, by Pinocchio at one state; return a dict
-    by output name. `velocity_matrix` converts the robot's velocities to Pinocchio's v.
+    """Compute the Jacobians of frames, given by index, and the mass matrix, with v also energies and momenta, by
+    Pinocchio's model `twin` at one state; return a dict by output name. `velocity_matrix` converts the robot's
+    velocities to Pinocchio's v, and `pin` is the module pinocchio.
     """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
@@ -271,7 +278,9 @@ def _mass_outputs(
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
-    """Compute the kinetic energy [J] of links and rotors at one state; Pinocchio computes that of the links."""
+    """Return the kinetic energy [J] of links and rotors at one state, Pinocchio's q and v. Pinocchio (the module
+    `pin`) computes that of the links from the model `twin`.
+    """
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
     links: float = pin.computeKineticEnergy(twin.model, twin.data, q, v)
@@ -338,7 +347,9 @@ def _output_scales(
     gravity: Float64Array,
     our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
-    """Return a dict of the error scales of all outputs by name; their shapes broadcast against the outputs."""
+    """Return a dict of the error scales of all outputs by name; their shapes broadcast against the outputs. `frames`
+    maps the compared names to frames, `tips` names those with Jacobians, and `our_outputs` are hingepair's results.
+    """
     states = _pinocchio_states(twin, samples)
     joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
     scales = RobotScales(robot.tree, joints, samples.base, gravity)
@@ -392,8 +403,9 @@ def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64A
 def _errors_by_part(
     computed: Float64Array, expected: Float64Array, scale: Float64Array, u: float, part_count: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Return two arrays (N, parts): the error of the worst component of each part (a frame or a joint), and the
-    largest error in units of u * scale. They are NaN where the expected value or the scale is not finite.
+    """Compare computed and expected arrays (N, ...). Return two arrays (N, parts): the error of the worst component
+    of each of `part_count` parts (frames or joints), and the largest error in units of u * scale. They are NaN if the
+    expected value or the scale is not finite.
     """
     comparable = np.isfinite(expected) & np.isfinite(scale)
     smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)

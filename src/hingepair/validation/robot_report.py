@@ -63,8 +63,9 @@ class RobotComparison:
     def worst_of(
         cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
     ) -> RobotComparison:
-        """Return the comparison of one output from its errors at all samples, shape (N, parts), and the same errors
-        in units of u * scale (`ratio`). NaN is not compared.
+        """Return the RobotComparison of the output named `output` from its errors at all samples, shape (N, parts),
+        and the same errors in units of u * scale (`ratio`). `shape` is the leading shape of the samples, and `parts`
+        are the names of the links or joints. NaN is not compared.
 
         Args:
             output: name of the output.
@@ -142,7 +143,9 @@ class RobotValidation(Shown):
         return f"RobotValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the comparison: title, one row per output, and notes with the verdict."""
+        """Return the printed table of the comparison as a Sheet of texts: a title, a heading and a row for each
+        output, and notes on the unit, on samples that were left out, and on the verdict.
+        """
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]

@@ -190,7 +190,7 @@ def _sizes_behind_joint(
 ) -> dict[str, Any]:
     """Return a dict of the sizes of the motion (R, W, A, v, a) of the body behind a joint, from those of the body
     before it. `length` is the length of the joint's offset, `rate` and `acceleration` are the sizes of its own
-    motion.
+    motion, linear if `is_slider`, else angular.
     """
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turn, shift = (0.0, rate) if is_slider else (rate, 0.0)

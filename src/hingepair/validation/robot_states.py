@@ -16,8 +16,8 @@ _HARD_JOINT_RATES = (0.0, 1e3, 1e-9)  # [rad/s] of hinges, [m/s] of sliders
 
 
 def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return three arrays q, q' and q'', shape (N, dof), of random states and of states at which computations tend to
-    fail.
+    """Return three float arrays q, q' and q'', shape (N, dof), of random states and of states at which computations
+    tend to fail, such as hinge angles near pi. `seed` determines the random numbers.
 
     Args:
         robot: the robot.

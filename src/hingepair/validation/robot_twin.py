@@ -33,7 +33,8 @@ from hingepair.validation.free_flyer import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotTwin:
-    """A robot as a Pinocchio model, with methods that convert the robot's coordinates to Pinocchio's.
+    """A robot as a Pinocchio model, with methods that convert the robot's coordinates to Pinocchio's. `ratios`, shape
+    (joints, dof), and `offsets` give the positions of all joints, mimic joints included, from q.
 
     Attributes:
         model: Pinocchio model with a free-flyer "root_joint" if `has_free_flyer`, then the moving joints in their
@@ -52,8 +53,9 @@ class RobotTwin:
     offsets: Float64Array
 
     def configuration(self, q: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and the R and S of the base.
-        The base is at the origin unless given. Raise an ArgumentError for a wrong shape.
+        """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and the R and S of
+        `base_motion`. The base is at the origin unless given. Raise an ArgumentError for a wrong shape, or for a
+        `base_motion` without a free-flyer.
 
         Raises:
             ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
@@ -62,8 +64,9 @@ class RobotTwin:
         return _join_coordinates(base, self._joint_coordinates("q", q) + self.offsets)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
-        """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of the base.
-        The base is at rest unless given. Raise an ArgumentError for a wrong shape.
+        """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of
+        `base_motion`. The base is at rest unless given. Raise an ArgumentError for a wrong shape, or for a
+        `base_motion` without a free-flyer.
 
         Raises:
             ArgumentError: as `configuration`.
@@ -76,8 +79,9 @@ class RobotTwin:
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
-        """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd and qdd, shape (..., dof), and the
-        motion of the base. The base is at rest unless given. Raise an ArgumentError for a wrong shape.
+        """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd and qdd, shape (..., dof), and
+        `base_motion`. The base is at rest unless given. Raise an ArgumentError for a wrong shape, or for a
+        `base_motion` without a free-flyer.
 
         Raises:
             ArgumentError: as `configuration`.
@@ -88,8 +92,9 @@ class RobotTwin:
         )
 
     def _joint_coordinates(self, name: str, values: ArrayLike) -> Float64Array:
-        """Convert q, qd or qdd of the robot to values of all joints of Pinocchio's model, mimic joints included but
-        without their offsets; shape (..., joints). Raise an ArgumentError for a wrong shape.
+        """Convert q, qd or qdd of the robot, shape (..., dof), to values of all joints of Pinocchio's model, mimic
+        joints included but without their offsets; return shape (..., joints). Raise an ArgumentError with the
+        argument's `name` for a wrong shape.
         """
         robot_values = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
         joint_values = np.zeros((*robot_values.shape[:-1], len(self.ratios)))
@@ -115,7 +120,8 @@ RESTING_BASE_MOTION = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega"
 
 
 def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> RobotTwin:
-    """Build a robot as a Pinocchio model, and return it with methods that convert coordinates to Pinocchio's. Raise a
+    """Build a robot as a Pinocchio model, and return a RobotTwin, which also converts coordinates to Pinocchio's.
+    `has_free_flyer` says whether the base is a free-flyer; None stands for the robot's own base. Raise a
     MissingDependencyError if Pinocchio is not installed.
 
     Args:

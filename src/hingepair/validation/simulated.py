@@ -49,7 +49,8 @@ def compare_forces(
     is_planar: bool,
 ) -> tuple[Comparison, ...]:
     """Compare the loads of a simulated motion with the forces that the motion requires according to Pinocchio's
-    inverse dynamics (`rnea`); return a tuple with a Comparison for each load.
+    inverse dynamics (`rnea`); return a tuple with a Comparison for each load. `hinge` is (psi, psi', psi''); forces
+    that hold a base that is not free, or a planar motion in its plane, are no loads.
 
     Args:
         pair: the pair in space, with its masses.
@@ -102,8 +103,8 @@ def _force_scales(
     loads: Mapping[str, Float64Array],
     gravity: float,
 ) -> dict[str, Float64Array]:
-    """Compute the scale of the error of each force, which is the size of its terms before they cancel; return a dict
-    of arrays (N,) by load. `gravity` is the magnitude of the acceleration [m/s^2].
+    """Return a dict of the error scale (N,) of each force, which is the size of its terms before they cancel, by the
+    load's name. `loads` are the acting forces by name, and `gravity` is the magnitude of the acceleration [m/s^2].
     """
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
@@ -133,7 +134,8 @@ def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
     """Compare the rates of a motion with the slopes of their quantities by finite differences; return a tuple with a
-    RateComparison for each rate.
+    RateComparison for each rate. `hinge` is (psi, psi', psi''); the rates of body 1 are compared only if
+    `body1_moves`.
 
     Only instants at which slopes of order 6 and order 4 agree are compared: not those beside kinks, and none where
     the instants are too few for the motion. A rate that differs is wrong; one that is not compared may be right.
