@@ -66,12 +66,16 @@ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
 
 
 def integration_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
+    """Return the matrix (m, 8) that maps values at the nodes to integrals of their polynomial from 0 to each of the
+    times, which are relative (0 to 1 in a step).
+    """
     return legendre.legvander(2 * times - 1, NODE_COUNT) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
+    """Return the matrix (m, 8) that maps values at the nodes to the values of their polynomial at each of the times,
+    which are relative (0 to 1 in a step).
+    """
     return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
 
 
@@ -120,7 +124,7 @@ class StepPolynomial:
     rates: Array  # derivatives of the state at the nodes; (8, k)
 
     def states_at(self, t: Array) -> Array:
-        """Return the states at instants of the step; shape (m, k)."""
+        """Return the states at instants t [s] of the step as an array (m, k)."""
         return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
@@ -269,9 +273,10 @@ class Stepper:
         self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
         """Return (share of the step, 0 to 1, after which the first event happens, index of the event); None if no
-        event happens in the step. `node_rates` are the derivatives at the nodes, and `extra_times` further times from
-        0 to 1 at which distances are checked. An event at `expected_event`, an index or None, counts at the end of
-        the step if only rounding keeps it from happening there.
+        event happens in the step. `node_rates` are the derivatives at the nodes, `time_margin` [s] allows for
+        rounding, and `extra_times` are further times from 0 to 1 at which distances are checked. An event at
+        `expected_event`, an index or None, counts at the end of the step if only rounding keeps it from happening
+        there.
 
         An expected event happens at the end of the step if only rounding may keep it from happening there.
         """
@@ -387,7 +392,9 @@ class Stepper:
         return None
 
     def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
-        """Return two arrays (m,): the derivatives of psi'' with respect to psi and to psi' at m times and states."""
+        """Return two arrays (m,): the derivatives of psi'' with respect to psi and to psi' at m times and states, (m,
+        k), by forward differences.
+        """
         increments = _PSI_AND_PSID_DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
         shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
@@ -432,7 +439,9 @@ class Stepper:
         )
 
     def _error_sizes(self, length: float) -> Array:
-        """Return the scales of errors for a step of this length."""
+        """Return an array (k,) of the scales of errors for a step of this length: those of velocities and momenta are
+        divided by the length.
+        """
         return np.where(self.rate_mask, self.sizes / length, self.sizes)
 
     def _estimate_error(

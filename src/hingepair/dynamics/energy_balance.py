@@ -52,7 +52,9 @@ class EnergyBalance:
 
     @property
     def residual(self) -> Array:
-        """Change of the energies less the work of all loads [J]; shape (N,)."""
+        """Change of the kinetic and potential energy since the first instant less the work of all loads [J], an array
+        (N,); 0 but for errors.
+        """
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))
 

@@ -149,7 +149,9 @@ class HingeEvents:
         return state
 
     def _ends_motion(self) -> bool:
-        """Return whether the user's event ends the motion when its value passes 0 from the present sign."""
+        """Return whether the user's event ends the motion when its value passes 0 from its present sign; its
+        `direction` may exclude this.
+        """
         return bool(self._direction * self._sign <= 0)
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
@@ -216,7 +218,9 @@ class HingeEvents:
         self._torque_limits = lowest, highest
 
     def _is_upper(self, stop: float) -> bool:
-        """Return whether a rigid stop is the upper one."""
+        """Return whether the rigid stop at the angle `stop` [rad] is the upper limit of the present interval of
+        angles.
+        """
         return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:

@@ -70,12 +70,14 @@ class Linearization:
 
     @property
     def natural_frequencies(self) -> Array:
-        """Absolute values of the poles [rad/s]."""
+        """Absolute values of the poles [rad/s], an array with one frequency for each pole."""
         return np.abs(self.poles)
 
     @property
     def damping_ratios(self) -> Array:
-        """Cosines of the angles between the poles and the negative real axis."""
+        """Cosines of the angles between the poles and the negative real axis, an array with one ratio for each pole;
+        below 0 if the motion grows.
+        """
         return np.asarray(-self.poles.real / np.abs(self.poles), np.float64)
 
     def __str__(self) -> str:
@@ -107,10 +109,10 @@ def linearize(
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Linearize the motion of a pair under loads about a state, or with `equilibrium` about the stable equilibrium
-    near it, at the instant t. Return a `Linearization` with matrices, poles, natural frequencies and damping ratios.
-    The arguments are those of `simulate`. Raise an ArgumentError if friction or a stop holds the hinge, or if no
-    equilibrium is found.
+    """Linearize the motion of a pair under loads about the state (body1, psi_0, psid_0) at the instant t, or with
+    `equilibrium` about the stable equilibrium near it. Return a `Linearization` with matrices, poles, natural
+    frequencies and damping ratios. The loads and `base` are as for `simulate`. Raise an ArgumentError if friction or
+    a stop holds the hinge, or if no equilibrium is found.
 
     The arguments have the meaning and the defaults of those of `simulate`, at one instant. Derivatives are computed
     by finite differences of order 4.

@@ -161,6 +161,8 @@ def _has_callable(torque: object) -> bool:
 
 
 def _to_space(value: Array, rank: int) -> Array:
-    """Convert a vector of the plane, or a torque about z (rank 0), to a vector in space."""
+    """Convert values for planar pairs to vectors in space, (..., 3): vectors in the plane (`rank` 1) get z = 0, and
+    torques (`rank` 0) become vectors along z.
+    """
     columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
     return np.stack(columns, axis=-1)

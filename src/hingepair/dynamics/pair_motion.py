@@ -234,19 +234,25 @@ class PairMotion:
         return rates
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
-        """Compute psi'' [rad/s^2] of one state on the present branch of the torque, for a hinge that is not held."""
+        """Return psi'' [rad/s^2] for one state at the instant t, on the present branch of the torque, as if the hinge
+        were not held.
+        """
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
 
     def hinge_response(self, t: float, state: Array) -> float:
-        """Compute the derivative of psi'' with respect to a torque at the hinge, for one state [rad/s^2 / (N m)]."""
+        """Compute the derivative of psi'' with respect to a torque at the hinge, for one state at the instant t;
+        return a number [rad/s^2 / (N m)].
+        """
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         loads = self._loads_at(np.array([t]), inputs, self.side)
         increased = self._psidd(inputs, loads | {"hinge_torque": loads["hinge_torque"] + 1.0})
         return float((increased - self._psidd(inputs, loads))[0])
 
     def holding_torque(self, t: Array, states: Array) -> Array:
-        """Compute the additional torque at the hinge that makes psi'' zero at some instants [N m]; shape (m,)."""
+        """Compute the torque [N m] to add at the hinge so that psi'' is 0, at instants t and states; return an array
+        (m,).
+        """
         inputs = self._program_inputs(t, states, self._S0)
         return self._torque_to_reach(inputs, self._loads_at(t, inputs, self.side), 0.0)
 

@@ -65,8 +65,8 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Base class of simulated motions: body 1, hinge rates, loads, energies and momentum beside a trajectory's
-    fields.
+    """Base class of simulated motions. It adds body 1, hinge rates psid and psidd, loads, gravity, base, energies,
+    momentum and `ended_by_event` to the fields of a trajectory.
     """
 
     body1: BodyMotion
@@ -128,7 +128,8 @@ class _SimulatedMotionBase:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedMotion(_SimulatedMotionBase, Trajectory):
-    """The motion of a pair, as `simulate` returns it: a `Trajectory` with the motions of body 1 and hinge, and loads.
+    """The motion of a pair, as `simulate` returns it: a `Trajectory` with the motion `body1`, the hinge rates psid
+    and psidd, and a dict of loads by name.
 
     Attributes:
         body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
@@ -153,8 +154,8 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
-    """The motion of a planar pair, as `simulate` returns it: a `PlanarTrajectory` with the motions of body 1 and
-    hinge, and loads, the fields of a `SimulatedMotion`.
+    """The motion of a planar pair, as `simulate` returns it: a `PlanarTrajectory` with the further fields of a
+    `SimulatedMotion`, such as `body1`, psid, psidd and the loads.
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:

@@ -256,11 +256,10 @@ def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return two tuples: the shapes that draw body 1 and those that draw body 2, each in the axes of the body. A body
-    without shapes of its own gets simple ones.
+    """Return (shapes of body 1, shapes of body 2) that draw a HingePair, two tuples in the axes of each body. A body
+    without shapes of its own gets simple ones: a box, a rod to the hinge point and a cylinder along the hinge axis.
 
-    A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
-    sleeve (body 2) along the hinge axis.
+    The box is at the reference point. The cylinder is a pin for body 1, and a wider sleeve for body 2.
 
     Raises:
         ArgumentError: no pair.
@@ -318,7 +317,7 @@ def _make_model_part(
 
 
 def _axis2(pair: HingePair) -> Float64Array:
-    """Return the hinge axis in the axes of body 2, C^T n."""
+    """Return the hinge axis of a pair in the axes of body 2, C^T n; shape (3,)."""
     axis: Float64Array = pair.home.T @ pair.n
     return axis
 
@@ -336,8 +335,8 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
 
 
 def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """Return the shapes of a body that has none, in a tuple: a box at the reference point, and a rod from there to
-    the hinge point `u` unless it is too short to be seen. `size` is the size of the pair [m].
+    """Return a tuple of simple shapes of a body: a box at the reference point, and a rod from there to the hinge
+    point `u` unless it is too short or too long to be seen. `size` is the size of the pair [m].
     """
     box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
@@ -347,7 +346,7 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
 
 
 def _round_for_drawing(length: float) -> float:
-    """Return a length rounded to the two digits that a drawing needs."""
+    """Return a length rounded to two significant digits, which suffice for a drawing."""
     return float(f"{length:.2g}")
 
 

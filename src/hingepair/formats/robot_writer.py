@@ -45,7 +45,8 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
 
 
 class _UrdfWriter:
-    """Builder of the URDF elements of one robot; it records the names of links and joints that are in use.
+    """Builder of the URDF elements of the robot with the Tree `tree`; it records the names of links and joints that
+    are in use.
 
     Args:
         tree: the robot.

@@ -76,6 +76,8 @@ def axis_for_urdf(axis: Float64Array) -> Float64Array:
 
 
 def commented(text: str, comment: str) -> str:
-    """Return the text of a document with a comment below its first line."""
+    """Return the text of an XML document with an XML comment inserted below its first line; -- in the comment becomes
+    - -.
+    """
     first, _, rest = text.partition("\n")
     return f"{first}\n<!-- {comment.replace('--', '- -')} -->\n{rest}"

@@ -47,8 +47,8 @@ ZERO_BASE_LOAD_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
 
 
 class InputValues(NamedTuple):
-    """Checked arguments of a robot's method: values in the form that generated programs take, the shapes of their
-    samples, and the library of their arrays.
+    """Checked arguments of a robot's method: values by input name (`parts`) in the form that generated programs take,
+    the shapes of their samples by argument name, and the array library, None for NumPy.
 
     Attributes:
         parts: values by input name: arrays with the components last, or tuples of components (numbers or arrays).
@@ -183,7 +183,7 @@ def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str,
 
 
 def _joint_list(names: Sequence[str]) -> str:
-    """Return the names of joints for a message, at most eight of them."""
+    """Return names of joints as text for a message: all of them up to eight, else six and their number."""
     return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... ({len(names)} joints)"
 
 

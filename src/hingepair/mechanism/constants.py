@@ -61,7 +61,7 @@ class RobotConstants:
 
     @property
     def may_be_singular(self) -> bool:
-        """Whether a joint may move without any inertia that resists."""
+        """Whether the mass matrix may be singular: some joint may move without any inertia that resists."""
         return bool(self.pivot_thresholds.any())
 
 
@@ -105,7 +105,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
-    """Return all numbers of a robot's programs in order, the folded ones and the parameters."""
+    """Return a list of all numbers of a robot's programs in order, the folded ones (0, 1, -1) and the parameters."""
     numbers = iter(constants.numbers)
     return [next(numbers) if known is None else known for known in constants.form.known]
 
@@ -145,14 +145,14 @@ def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fract
 
 
 def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
-    """Return R and S of a frame in the program's axes of its body, as 12 numbers."""
+    """Return position R and rotation S of a Frame, in the program's axes of its body, as a list of 12 numbers."""
     back = constants.axes[frame.body].T
     return [*_matrix_product(back, frame.R).tolist(), *_matrix_product(back, frame.S).ravel().tolist()]
 
 
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Split numbers into those that programs fold (0, 1 and -1) and the parameters; return two tuples. The first has
-    all positions, with None in place of each parameter; the second has only the parameters.
+    """Split numbers into the constants 0, 1 and -1, which programs fold, and all others, the parameters; return two
+    tuples. The first has all positions, with None in place of each parameter; the second has only the parameters.
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
     folded = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_numbers)
@@ -185,7 +185,9 @@ def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
-    """Return for every body, the base first, the rotation from the program's axes to its own axes."""
+    """Return a list of rotation matrices for every body of a Tree, the base first, from the program's axes to the
+    body's own axes.
+    """
     return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
 
 
@@ -301,7 +303,7 @@ def _shift_to_parents(
 
 
 def _ten_numbers(moments: _MassMoments) -> Exact:
-    """Return mass, first moment and second moment as ten numbers."""
+    """Return mass, first moment and second moment of a body as a list of ten Fractions."""
     N = moments.N
     return [moments.m, *moments.h, N[0], N[1], N[2], N[4], N[5], N[8]]
 
@@ -333,7 +335,7 @@ def _transposed(A: Exact) -> Exact:
 
 
 def _congruence(A: Exact, N: Exact) -> Exact:
-    """Return A N A^T."""
+    """Return the product A N A^T of matrices (3, 3), given and returned as lists of nine Fractions, row by row."""
     T = [_sum_of_products((A[3 * i + k], N[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
     return [_sum_of_products((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
 
@@ -383,6 +385,8 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[f
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:
-    """Return the moment of inertia of a body about an axis through its reference point [kg m^2]."""
+    """Return the moment of inertia [kg m^2] of a body about the axis n, a unit vector in its own axes, through its
+    reference point.
+    """
     across = np.cross(n, body.center_of_mass)
     return float(n @ body.inertia @ n + body.mass * (across @ across))

@@ -48,7 +48,8 @@ _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for n
 
 
 class RobotComputation:
-    """The computation of some outputs of one robot, with its constants and a cache of its compiled calls.
+    """Computation of named outputs of one robot for some frames: holds its constants, runs it on checked arguments,
+    and caches its compiled calls.
 
     Args:
         constants: constants of the robot.

@@ -27,8 +27,9 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """Record of a joint (fixed joints included), with its limits and its mimic rule, and of the body that it carries,
-    with links, mass properties and shapes. The origin of the body is the joint's point.
+    """Record of a joint (fixed joints included) and of the body that it carries: kind, number of the parent part,
+    pose and axis of the joint, its limits and mimic rule, and links, frames, inertias and shapes of the body. The
+    origin of the body is the joint's point.
 
     Attributes:
         name: name of the joint.
@@ -195,7 +196,9 @@ def _body_poses(
 
 
 def _displacement(part: JointPart, position: float) -> FramePose:
-    """Return the pose of a joint's body at a position [rad or m], in the axes that the body has at position 0."""
+    """Return the FramePose of the body of a JointPart at a position [rad or m], in the axes that the body has at
+    position 0. For a fixed joint it is the identity.
+    """
     if position == 0 or part.kind == "fixed":
         return IDENTITY_POSE
     if part.kind == "slider":
@@ -239,8 +242,8 @@ def _links_and_frames(
     parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
     """Return two dicts of Frames by name: the frames of links, and the further frames (of fixed and locked joints,
-    and those that the parts list). `body_poses` has a pair (body number, FramePose) for each part; the names of
-    moving joints are the keys of `body_numbers`. Raise an ArgumentError if a position overflows.
+    and those listed in `parts`). `body_poses` has a pair (body number, FramePose) for each part; the names of moving
+    joints are the keys of `body_numbers`. Raise an ArgumentError if a position overflows.
     """
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}

@@ -172,8 +172,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of a frame, shape (..., 6, dof): (v, omega) = J @ qd (E2, E8). For a free base, J
-        has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd). The array `out` is written in place.
+        """Compute the Jacobian J of the frame named `frame` as an array (..., 6, dof): (v, omega) = J @ qd (E2, E8).
+        For a free base, J has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd). `base_motion` is a
+        BodyMotion; for None, the base rests at the origin. The array `out` is written in place.
 
         v is the velocity of the frame's origin, and omega its angular velocity, both in world axes. Pinocchio calls
         this Jacobian LOCAL_WORLD_ALIGNED.
@@ -209,9 +210,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of a frame's acceleration that velocities cause, shape (..., 6): bias in (a, alpha) =
-        J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias. The array `out` is written in
-        place.
+        """Compute the part of the acceleration of the frame named `frame` that velocities cause, an array (..., 6):
+        bias in (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias.
+        `base_motion` is a BodyMotion or None. The array `out` is written in place.
 
         J is the result of `jacobian`; a is the classical acceleration of the frame's origin, and all vectors are in
         world axes. If the base is "fixed", the bias also holds the velocities and accelerations of `base_motion`.
@@ -444,7 +445,7 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
         compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
-        `out` is written in place. Warn of masses as `inverse_dynamics` does.
+        `out` is written in place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -469,8 +470,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof), for a free base (..., 6
-        + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place. Warn of
-        masses as `inverse_dynamics` does.
+        + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place.
+        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau): force on
         the base at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and
@@ -497,8 +498,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
-        for a free base (..., 6 + dof). The array `out` is written in place. Warn of masses as `inverse_dynamics`
-        does.
+        for a free base (..., 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion.
+        Warn of masses as `inverse_dynamics` does.
 
         For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
         then the forces of the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
@@ -523,7 +524,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
-        "fixed" base is not counted. The array `out` is written in place. Warn of masses as `inverse_dynamics` does.
+        "fixed" base is not counted. The array `out` is written in place. `base_motion` is None or a BodyMotion. Warn
+        of masses as `inverse_dynamics` does.
 
         The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
         body is `Body.center_of_mass`.
@@ -546,7 +548,7 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): the velocity of the centre of mass
         is J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof). The array `out` is
-        written in place. Warn of masses as `inverse_dynamics` does.
+        written in place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -569,8 +571,8 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias, as an array (..., 3).
-        For a free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place. Warn
-        of masses as `inverse_dynamics` does.
+        For a free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place.
+        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
         `acceleration_bias`, without `frame`.
@@ -595,7 +597,7 @@ class MechanismMethods(Shown):
     ) -> Energy:
         """Compute the kinetic and the potential energy of the robot [J]; return an Energy of `.kinetic` and
         `.potential`, arrays of shape (...) (T7). The potential energy is 0 for a mass at the origin of the world.
-        Warn of masses as `inverse_dynamics` does.
+        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
         kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -622,11 +624,12 @@ class MechanismMethods(Shown):
     ) -> Momentum:
         """Compute the linear [kg m/s] and the angular momentum [kg m^2/s] of the robot, world axes; return a Momentum
         of `.linear` and `.angular`, shape (..., 3) each (T8). The angular momentum is taken about the point `about`,
-        "origin" (of the world) or "centre" (of mass). Warn of masses as `inverse_dynamics` does.
+        "origin" (of the world) or "centre" (of mass). `base_motion` is None or a BodyMotion. Warn of masses as
+        `inverse_dynamics` does.
 
-        The angular momentum is taken about the point `about`: the "origin" of the world (default), or the "centre" of
-        mass. The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`,
-        only R, S, v and omega are used. The other arguments are those of `inverse_dynamics`.
+        By default, `about` is "origin". The mass of a "fixed" base and the inertias of rotors (`armature`) are not
+        counted. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
+        `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -718,8 +721,7 @@ class MechanismMethods(Shown):
         `unfolded`. A plain number in a dict of coordinates is a constant, which saves operations. The outputs are not
         computed.
 
-        A plain number in a dict of coordinates is a constant for all samples. Operations on constants alone are
-        saved, or made once for all samples.
+        Operations on constants alone are saved, or made once for all samples.
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
@@ -1003,7 +1005,9 @@ class MechanismMethods(Shown):
         return self._run(computation, values, base_motion, out, workers, backend, gravity, labelled_loads)
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return the names of a table's columns of coordinates or derivatives, in the order of q."""
+        """Return a tuple of the names of those columns of a table that hold the argument `name` (q, qd, qdd or tau),
+        in the order of q. Raise an ArgumentError if columns are missing.
+        """
         return tuple(coordinate_columns(name, table, self._constants.names))
 
     def _run_array(
@@ -1087,5 +1091,7 @@ def _checked_outputs(
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
-    """Check the argument `gravity`, and return its three components [m/s^2]."""
+    """Check the argument `gravity`, and return a tuple of its three components [m/s^2]. Raise an ArgumentError if it
+    is no vector.
+    """
     return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())

@@ -71,12 +71,14 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
 
 
 def _carriers(model: Any, joint: int) -> set[int]:
-    """Return the numbers of a joint and of all joints that carry it."""
+    """Return a set of the numbers of a joint of a Pinocchio model and of all joints that carry it."""
     return {int(carrier) for carrier in model.supports[joint]}
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
-    """Return the error for a joint that is not as expected."""
+    """Return, without raising it, the ArgumentError for a joint (a number) of a Pinocchio model that is not as
+    `expected`, a text.
+    """
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
@@ -168,18 +170,22 @@ def _part_of_joint(
 
 
 def _convert_limit(value: float) -> float:
-    """Convert a limit; Pinocchio's largest number, which stands for no limit, becomes infinite."""
+    """Return a limit of Pinocchio as a float; its largest number, which stands for no limit, becomes infinity of the
+    same sign.
+    """
     return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_MISSING_LIMIT else float(value)
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:
-    """Return whether a mimic joint follows a joint, whose coordinate it then has."""
+    """Return whether the joint of this number has the coordinate that the mimic joint `mimic` follows."""
     joint = model.joints[number]
     return number > 0 and joint.nq > 0 and joint.idx_q == mimic.idx_q
 
 
 def _unit_axis(motion: Float64Array) -> Float64Array:
-    """Return the unit axis of a joint from its motion subspace: three linear, three angular components."""
+    """Return the unit axis of a joint from its motion subspace `motion`, three linear and three angular components:
+    the direction of the angular ones, or of the linear ones if the angular ones are 0.
+    """
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
 

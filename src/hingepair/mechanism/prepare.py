@@ -43,8 +43,8 @@ _ACCEPTED_ARGUMENT_NAMES: Final = (*_JOINT_ARGUMENT_NAMES, *MOTION_ATTRIBUTE_BY_
 
 
 class PreparedMechanism:
-    """A prepared call of a robot: a callable that takes arrays in the order of `given`, and optionally `out=`, and
-    returns the results of a method.
+    """A prepared call of a robot: a callable that takes arrays in the order of `given` (names of arguments), and
+    optionally `out=`, and returns the results of a method, named in `outputs`.
 
     Attributes:
         given: names of the arguments, in the order in which the callable takes them.
@@ -81,17 +81,19 @@ class PreparedMechanism:
 
     @property
     def source(self) -> str:
-        """Generated Python code, which is run if the call is not compiled."""
+        """Generated Python code, as text, which is run if the call is not compiled."""
         return self._call.program.source
 
     @property
     def llvm(self) -> str:
-        """LLVM code of the compiled function, which is run for one state and for many states."""
+        """LLVM code, as text, of the compiled function, which is run for one state and for many states."""
         return self._call.kernel.ir
 
     @property
     def operations(self) -> OperationCounts:
-        """Numbers of operations for each sample, once for all samples, and for each sample if no input were known."""
+        """Numbers of operations for each sample, once for all samples, and for each sample if no input were known, as
+        OperationCounts.
+        """
         return self._computation.count_operations()
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
@@ -148,7 +150,7 @@ class PreparedMechanism:
 
 
 def _call_factory(function: Callable[[], Any]) -> Any:
-    """Return the result of a factory; makes an unpickled prepared call."""
+    """Call a function without arguments, and return its result; pickles of prepared calls are rebuilt by it."""
     return function()
 
 

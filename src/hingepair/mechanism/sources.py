@@ -251,5 +251,5 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
 
 
 def body_inertia(body: Body) -> Inertia:
-    """Return the mass properties of a body in its own axes, from its reference point."""
+    """Return the mass properties of a Body as an Inertia, in the body's axes from its reference point."""
     return Inertia(body.mass, np.asarray(body.center_of_mass), np.asarray(body.inertia))

@@ -150,8 +150,8 @@ class JointResults(Results):
         return import_data_package("pandas", "to_dataframe").DataFrame(*self._table())
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
-        """Return the arguments of a DataFrame: an array with a row for each sample, None for the index, and a list of
-        the names of the columns.
+        """Return a tuple of the arguments of a DataFrame: an array with a row for each sample, None for the index,
+        and a list of the names of the columns.
         """
         arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
         samples = math.prod(self.shape)

@@ -69,8 +69,8 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """Record of a joint that moves: its geometry, its limits and its mimic rule, and the mass properties of the body
-    that it moves.
+    """Record of a joint that moves: its kind, the number of its parent body, its point u, attitude S and axis n, the
+    mass properties of the body that it moves, its limits, the armature of its motor and its mimic rule.
 
     Attributes:
         name: name of the joint.
@@ -103,8 +103,8 @@ class Joint(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
-    """A frame that is fixed in a body, by its position and rotation: of a link, of a fixed joint, or added by the
-    user.
+    """A frame that is fixed in a body (of a link, of a fixed joint, or added by the user): number of the body,
+    position R and rotation S in the axes of the body.
 
     Attributes:
         body: number of the body; 0 is the base.
@@ -147,12 +147,12 @@ class Tree(Frozen):
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:
-        """Joints with a coordinate of their own, in the order of q; mimic joints have none."""
+        """A tuple of the joints with a coordinate of their own, in the order of q; mimic joints have none."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames: links, further frames, joints."""
+        """A tuple of the names of all frames: links, further frames, joints."""
         return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
 
     def frame(self, name: str) -> Frame | None:

@@ -177,22 +177,24 @@ class JointRecord:
 
     @property
     def effort(self) -> float | None:
-        """Largest torque [N m] or force [N] of the joint; None where none is given."""
+        """Largest torque [N m] or force [N] of the joint; None if none is given. Raises a URDFError for a negative
+        number.
+        """
         return self._limit_number("effort")
 
     @property
     def velocity(self) -> float | None:
-        """Largest rate of the joint [rad/s or m/s]; None where none is given."""
+        """Largest rate of the joint [rad/s or m/s]; None if none is given. Raises a URDFError if it is negative."""
         return self._limit_number("velocity")
 
     @property
     def damping(self) -> float:
-        """Viscous damping [N m s/rad or N s/m]; 0 where none is given."""
+        """Viscous damping [N m s/rad or N s/m]; 0 if none is given."""
         return float(self._number("dynamics", "damping", 0.0))
 
     @property
     def friction(self) -> float:
-        """Static friction [N m or N]; 0 where none is given."""
+        """Static friction [N m or N]; 0 if none is given."""
         return float(self._number("dynamics", "friction", 0.0))
 
     @property
@@ -323,7 +325,9 @@ class RobotRecord:
         return roots[0], tuple(ordered)
 
     def _carried_by(self, link: str) -> list[JointRecord]:
-        """Return the joints whose parent is a link, the last name first."""
+        """Return a list of the JointRecords whose parent is the link of this name, sorted by name from the last to
+        the first.
+        """
         joints = [joint for joint in self.joints_at.get(link, ()) if joint.parent == link]
         return sorted(joints, key=lambda joint: joint.name, reverse=True)
 
