@@ -61,7 +61,7 @@ class ComponentGroup(NamedTuple):
     @property
     def narrow(self) -> bool:
         """Whether the group has few enough components to be assembled in registers. Wider outputs are copied from the
-        frame.
+        frame, the kernel's buffer of vectors.
         """
         return len(self.values) <= MAX_COMPONENTS_IN_REGISTERS
 
@@ -218,8 +218,9 @@ class Arithmetic:
         return [KernelStep(f"{name_prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
     def _schedule_row_stores(self) -> dict[int, list[int]]:
-        """Return a dictionary from the identity of a value to the indices of the narrow outputs that are stored right
-        after it. The outputs under key 0 are stored at the end of the last step.
+        """Return a dictionary from the identity (`id`) of a value to the indices of the outputs that are stored right
+        after the value is computed. Only outputs of few components (narrow ones) are included; those under key 0 are
+        stored at the end of the last step.
         """
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
@@ -266,8 +267,8 @@ class Arithmetic:
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame to each value that more than one function reads; slots are reused. Sets the
-        attributes that describe the frame.
+        """Assign a slot of the frame, the kernel's buffer of vectors, to each value that more than one function
+        reads; slots are reused. Sets the attributes that describe the frame, such as `slots` and `frame_size`.
 
         A slot is used again when its value is not needed any more.
         """
@@ -329,8 +330,8 @@ class Arithmetic:
         return [*(value for value in loaded if isinstance(value, TracedValue)), *step.lines]
 
     def slot_address(self, f: FunctionBuilder, number: int) -> str:
-        """Append the computation of the address of the slot with this number to the function `f`, and return the name
-        of the address.
+        """Append to the function `f` the computation of the address of the slot with this number in the frame, the
+        kernel's buffer of vectors. Return the name of the address.
         """
         return f.pointer_at("%frame", number * LANE_COUNT * self.number_bytes)
 
@@ -360,8 +361,8 @@ class Arithmetic:
         return offsets
 
     def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
-        """Return the list of the slots that hold the angles of a step of sines, and the number of the first slot of
-        its results.
+        """Return the list of the slot numbers that hold the angles of a step of sines, and the number of the first
+        slot of its results.
         """
         line = self._sine_lines[id(step.angles[0])][0]
         first = self.slots[id(line)] - SINE_OPERATION_NAMES.index(line.operation)
@@ -411,8 +412,9 @@ class Arithmetic:
         return f.text()
 
     def operand(self, value: Operand) -> str:
-        """Return the text that names an operand's vector in the function being built: a value, or a number repeated
-        in all lanes. Appends a load from the frame if the value is not in a register.
+        """Return the text that names an operand's vector in the function being built: the name of a value, or a
+        number repeated in all lanes. Appends a load from the frame if the value is not in a register, or was last
+        used many operations before.
         """
         if not isinstance(value, TracedValue):
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
@@ -519,8 +521,8 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Append the stores of eight samples of one narrow output, whose rows follow each other in memory at an
-        address that the kernel has set.
+        """Append the stores of eight samples of one output of few components, from vectors in registers. The rows
+        follow each other in memory, from an address that the kernel has set.
         """
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]

@@ -81,8 +81,8 @@ class _KernelBuilder:
         self.f = FunctionBuilder("void @kernel(ptr noalias %table, i64 %outer, i64 %inner)")
 
     def module(self) -> str:
-        """Return the LLVM module as text: constant tables, declarations, the functions of the steps, and the
-        kernel.
+        """Return the LLVM module as text: constant tables, declarations, the functions of the steps, and the kernel.
+        Appends to the builder, so it is called once.
         """
         number = self.arithmetic.number
         steps = self.arithmetic.step_functions()
@@ -181,8 +181,8 @@ class _KernelBuilder:
     def write_block(
         self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], inner_index: str, samples_left: str
     ) -> None:
-        """Append the computation of the block of eight inner samples that begins at `inner_index`. Only the first
-        `samples_left` of them exist.
+        """Append the computation of the block of eight inner samples that begins at `inner_index`: the loads by all
+        readers, the steps, and the stores by all writers. Only the first `samples_left` samples exist.
         """
         for writer in writers:
             writer.begin_samples(inner_index, samples_left)
@@ -267,8 +267,8 @@ class _InputReader:
             self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANE_COUNT))
 
     def store_lane_offsets(self, samples_left: str) -> None:
-        """Append the store of the byte offsets of a block's eight samples, of which the first `samples_left`
-        exist.
+        """Append the store of the byte offsets of a block's eight samples from its first, for the steps that load
+        them. Only the first `samples_left` samples exist; the others get the offset 0.
         """
         to = self.f.pointer_at("%places", self.word_offset + 8)
         self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
@@ -378,7 +378,9 @@ class _OutputWriter:
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, to: str) -> None:
-        """Append the store of the address to which the steps write the rows of a block."""
+        """Append the store of an address, whose name is `to`, as that to which the steps write the rows of a
+        block.
+        """
         self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
     def begin_samples(self, inner_index: str, samples_left: str) -> None:
@@ -411,8 +413,8 @@ class _OutputWriter:
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
-        """Append the stores that bring a block's rows into the output: from the frame, or from the stage if the steps
-        have written the rows there.
+        """Append the stores that bring the rows of the block of `begin_samples` into the output: from the frame, or
+        from the stage (a buffer on the stack) if the steps have written the rows there.
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"

@@ -155,8 +155,8 @@ class Plan:
     kind: MotionKind
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on values by name. Each result is added to the dictionary `values`, which is returned; traced
-        results get names for generated code.
+        """Run the steps on `values`, a dictionary by name. Each result is added to this dictionary, which is
+        returned; traced results get names for generated code.
         """
         for result, function, arguments in self.steps:
             made = values[result] = function(*[values[name] for name in arguments])
