@@ -22,7 +22,7 @@ MAX_DOTTED_KEY_PARTS: Final = 16
 """Largest number of parts of a dotted key; the time to read one grows with its square."""
 
 # One part of a dotted key, bare or in quotes, and the dot behind it; possessive, so that time stays linear.
-_DOTTED_KEY_PART_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
+_DOTTED_KEY_PART_AND_DOT_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
 
 # Line and column in a message of the TOML parser.
 _TOML_ERROR_POSITION_PATTERN = re.compile(r"\(at line (\d+), column (\d+)\)")
@@ -45,18 +45,19 @@ class NamedSource:
     name: str
 
     def label(self, key: str) -> str:
-        """Return the text `file: table.key` that names a key in messages."""
+        """Return the text `file: table.key` that names a key of this source in messages."""
         shown = key if key.isprintable() else repr(key)
         return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
 
     def refuse(self, key: str, expected: str, got: object) -> NoReturn:
-        """Raise a SceneError on a key with the expected value and the value that was found."""
+        """Raise a SceneError on a key, whose message has the text `expected` and `got`, the value that was found."""
         raise SceneError(self.label(key), expected, got) from None
 
     @contextlib.contextmanager
     def naming(self, key: str = "", **key_by_argument: str) -> Iterator[None]:
         """Return a context manager that converts an ArgumentError raised in its block into a SceneError with the
-        file, the table and a key: key_by_argument[argument], else `key`, else the name of the argument.
+        file, the table and a key. The key is that given for the error's argument as a keyword argument, otherwise
+        `key`, otherwise the name of the argument.
         """
         try:
             yield
@@ -86,8 +87,8 @@ class Table(NamedSource):
     constants: Mapping[str, Any]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are `required`, each
-        read by its function. Raise a SceneError for any other key of the table.
+        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`,
+        each returned by its reader, a function of (table, key). Raise a SceneError for any other key of the table.
         """
         self.check_keys(reader_by_key)
         return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
@@ -105,8 +106,8 @@ class Table(NamedSource):
         self.refuse(key, expected, describe_value(self.values[key]) if key in self.values else "nothing")
 
     def table(self, key: str, *, required: bool = True) -> Table:
-        """Return the table below a key as a Table. If the key is absent, return an empty one, or raise a SceneError
-        if it is required.
+        """Return the table under a key as a Table. If the key is absent, return an empty one, or raise a SceneError
+        if `required` is True. Raise a SceneError for a value that is no table.
         """
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
@@ -155,8 +156,8 @@ class Table(NamedSource):
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
-        """Return the finite numbers under a key as nested lists of floats; the further arguments are the shape. Raise
-        a SceneError for another shape or another value.
+        """Return the finite numbers, or constant expressions, under a key as nested lists of floats. The further
+        arguments are the shape, such as 3, 3. Raise a SceneError for another shape or another value.
         """
         value: Any = self.values.get(key)
         if not _has_shape(value, shape):
@@ -165,13 +166,9 @@ class Table(NamedSource):
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the number under a key as an exact SymPy expression, or nested lists of expressions if a shape is
-        given. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for another value.
-
-        Args:
-            key: the key.
-            *shape: shape of the lists; none of one number.
-            symbolic_constants: constants that stay symbols.
+        """Return the number or constant expression under a key as an exact SymPy expression, or nested lists of them
+        if further arguments give a shape, such as 3, 3. The constants named in `symbolic_constants` stay symbols.
+        Raise a SceneError for another value or shape.
         """
         from hingepair.symbolic.exact_constants import exact
 
@@ -188,10 +185,8 @@ class Table(NamedSource):
         return to_exact(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
 
     def rotation(self, key: str) -> list[list[float]]:
-        """Return the rotation matrix under a key as three rows of three floats; exact entries are rounded once. Raise
-        a SceneError for a value that is no rotation's description.
-
-        It is written as a matrix, as { axis, deg | rad }, or as { rpy_deg | rpy }.
+        """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
+        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Raise a SceneError for any other value.
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
@@ -202,11 +197,8 @@ class Table(NamedSource):
 
     def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
         """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
-        expressions. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for a bad value.
-
-        Args:
-            key: the key.
-            symbolic_constants: constants that stay symbols.
+        expressions. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for a value that is
+        no rotation's description.
         """
         value = self.values.get(key)
         if isinstance(value, list):
@@ -248,8 +240,8 @@ class Table(NamedSource):
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
-        """Return `value`, a number or an expression in the scene's constants, as a finite float. Raise a SceneError
-        on the key for any other value.
+        """Return `value`, a number or the text of an expression in the scene's constants, as a finite float. Raise a
+        SceneError that names `key` for any other value.
         """
         if isinstance(value, str):
             from hingepair.symbolic.kinks import constant_value
@@ -262,7 +254,7 @@ class Table(NamedSource):
 
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
         """Return a text without t, parsed as a SymPy expression. The constants named in `symbolic_constants` stay
-        symbols, others become numbers. Raise a SceneError on the key if it cannot be parsed.
+        symbols, others become numbers. Raise a SceneError that names `key` if it cannot be parsed.
         """
         from hingepair.symbolic.expressions import parse_constant
 
@@ -275,15 +267,15 @@ Key: TypeAlias = Callable[[Table, str], Any]
 
 
 def numbers_key(*shape: int) -> Key:
-    """Return a reader: a function of (table, key) that returns the finite numbers under the key as nested lists of
-    the given shape.
+    """Return a reader, a function of (table, key) that returns the finite numbers under the key as nested lists of
+    floats. The arguments are their shape, such as 3, 3.
     """
     return lambda table, key: table.numbers(key, *shape)
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a TOML file and return its contents as one Table without constants. Raise a SceneError for a file that
-    cannot be read, is too large, or is not TOML.
+    """Read a TOML file, and return its contents as one Table without constants. Raise a SceneError for a file that
+    cannot be read, is a log, is too large, or is not TOML.
 
     Raises:
         SceneError: the file does not exist, cannot be read, has more than MAX_TABLE_FILE_BYTES bytes, or is not TOML
@@ -321,8 +313,8 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def _toml_error(file: str, text: str, reason: str) -> SceneError:
-    """Return a SceneError on a text that is not valid TOML, from the parser's message `reason`. It shows the line
-    with a caret and suggests a correction.
+    """Return a SceneError on a file whose text is not valid TOML, from the parser's message `reason`. It has a note
+    with the line and a caret if `reason` has a position, and suggests a correction if one is known.
     """
     place = _TOML_ERROR_POSITION_PATTERN.search(reason)
     if place is None:
@@ -357,11 +349,11 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 
 
 def _check_key_parts(file: str, text: str) -> None:
-    """Raise a SceneError for a text with a dotted key of more than MAX_DOTTED_KEY_PARTS parts, which the TOML parser
-    would take too long to read.
+    """Raise a SceneError that names `file` if its text has a dotted key of more than MAX_DOTTED_KEY_PARTS parts,
+    which the TOML parser would take too long to read.
     """
     end, parts = 0, 0
-    for part in _DOTTED_KEY_PART_PATTERN.finditer(text):
+    for part in _DOTTED_KEY_PART_AND_DOT_PATTERN.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1
         end = part.end()
         if parts > MAX_DOTTED_KEY_PARTS:
