@@ -30,9 +30,10 @@ def derive(
     symbolic: Iterable[str] = (),
     frame: str | None = None,
 ) -> Derivation | FrameForms:
-    r"""Return closed forms as SymPy expressions: a Derivation with the equations E1-E11 of a scene's motion or of a
-    pair, or the FrameForms of the frame of a robot that `frame` names. `symbolic` names constants that stay symbols.
-    Raise an ArgumentError for arguments that cannot be used.
+    r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
+    equations E1-E11; a Mechanism gives the FrameForms of its link, joint or frame named `frame`, by default of its
+    last link. `symbolic` names the constants that stay symbols, such as "u1". Raise an ArgumentError for arguments
+    that cannot be used.
 
     The coordinates of a bare HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). Those of a PlanarPair are x(t), y(t), phi(t), psi(t). A Scene has the expressions of its
@@ -104,7 +105,8 @@ def derive(
 
 def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
     """Return the Derivation of the pair in a scene file, ignoring the motion of the file: the coordinates are
-    unspecified functions of t. Raise a SceneError for a file that cannot be read.
+    unspecified functions of t. `symbolic` names the constants that stay symbols, such as "u1". Raise a SceneError for
+    a file that cannot be read, and an ArgumentError for an unknown name.
 
     Args:
         path: the scene file.
@@ -139,8 +141,9 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
 def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return the exact u1, u2, n and home in the scene file's table [pair], a dict of tuples of SymPy expressions.
-    Leave out values that differ from the pair's floats. The constants in `symbolic_constants` stay symbols.
+    """Return the exact u1, u2, n and home that the table [pair] of a scene file has, a dict of tuples of SymPy
+    expressions. `tables` is the file's top-level Table. Leave out values that differ from the floats of `pair`. The
+    constants named in `symbolic_constants` stay symbols.
 
     Someone may have given the scene another pair (`dataclasses.replace`).
     """

@@ -73,14 +73,14 @@ class FunctionsOfTime:
         ]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return for each interval between neighbouring instants whether a function has a kink or a jump in it; shape
-        (N - 1,).
+        """Return an array of booleans, shape (N - 1,): for each interval between neighbouring instants t, shape (N,),
+        whether a function has a kink or a jump in it.
         """
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, symbolic_constants: Sequence[str] = ()) -> dict[str, Expr | None]:
-        """Return the functions as SymPy expressions by name, parsed again so that the constants named in
+        """Return the functions as a dict of SymPy expressions by name, parsed again so that the constants named in
         `symbolic_constants` stay symbols. The value of a function by way points is None.
         """
         expression_by_name: dict[str, Expr | None] = {}
@@ -121,16 +121,17 @@ class MotionByFunctions:
     level: ClassVar[int] = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
-        """Return a MotionByCoordinates: the coordinates and their derivatives up to `order` at the instants with the
-        indices `rows`.
+        """Return a MotionByCoordinates: the coordinates and their derivatives up to `order` at the scene's instants
+        with the indices `rows`, a slice or an array.
         """
         t = self.t[rows]
         return MotionByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
-    """Return the Motion that the tables [motion] and [time] define by functions of t: coordinates, or angular
-    velocity and hinge rate, which are integrated (E12). Raise a SceneError for unknown keys and bad values.
+    """Return the Motion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
+    velocity and hinge rate, which are integrated (E12). `planar` True means a motion in the plane, with fewer
+    coordinates. Raise a SceneError for unknown keys and bad values.
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
@@ -145,8 +146,9 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
 def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
-    """Return (functions, sequence): the coordinates `names` of a table as FunctionsOfTime and their Euler sequence,
-    None in the plane. Raise a SceneError for keys other than these, `constants` and `other_keys`.
+    """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and their Euler
+    sequence, None in the plane. Raise a SceneError for keys other than these, `constants`, `sequence` and
+    `other_keys`.
     """
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
@@ -154,8 +156,9 @@ def read_coordinate_functions(
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Return the Motion found by integrating (E12) the angular velocity omega1 and the hinge rate psi_dot of a table,
-    which are functions of t like R1. Raise a SceneError for unknown keys and bad values.
+    """Return the Motion at instants t found by integrating (E12) the angular velocity omega1 and the hinge rate
+    psi_dot of a Table, which are functions of t like R1. `planar` True means a motion in the plane, where omega1 is
+    one function. Raise a SceneError for unknown keys and bad values.
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*INTEGRATION_OPTION_KEYS, "tol", "omega1", "psi_dot", "constants", *start_keys))

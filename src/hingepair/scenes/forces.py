@@ -62,9 +62,9 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Return the SceneForces that a pair's motion requires at the instants t. `gravity` None means the scene's own
-    gravity. `title` and `files` are the scene's title and input files. Raise an ArgumentError where forces cannot be
-    computed.
+    """Return the SceneForces that a pair's Motion requires; `t` are all its instants. `gravity` is a vector, or None
+    for the motion's own gravity. `title` and `files` are the scene's title and input files. Raise an ArgumentError if
+    body 2 has no mass properties, the motion has no accelerations, or `gravity` is given for a simulated motion.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -101,9 +101,10 @@ def pair_scene_forces(
 def _required_forces(
     pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
 ) -> dict[str, NDArray[Any]]:
-    """Return the forces and torques that a pair's motion in space requires, a dict of arrays by name, world
-    axes. hinge_torque has shape (N,), all others (N, 3). force1 and torque1 are left out if body 1 has no mass
-    properties.
+    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, world axes.
+    `body1_motion` is a MotionByBody1 with accelerations, `gravity` a vector of three floats. hinge_torque has shape
+    (N,); bearing_torque, hinge_force, force1 and torque1 have shape (N, 3); the last two are left out if body 1 has
+    no mass properties.
     """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
@@ -120,7 +121,8 @@ def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
     """Return the part of each required force that the applied loads on body 2 of a simulated motion supply, a dict of
-    arrays by name, world axes. The caller subtracts it from the required forces.
+    arrays by name, world axes. `pair` is a HingePair, in the plane the converted one. The caller subtracts the part
+    from the required forces.
     """
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
@@ -137,8 +139,8 @@ def _forces_from_body2_loads(
 
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the components in the plane of force arrays as a dict: x and y of hinge_force and force1, z of torque1.
-    Leave hinge torques unchanged and drop bearing_torque.
+    """Return a copy of a dict of arrays by name with the components in the plane only: x and y of hinge_force and
+    force1, z of torque1. Hinge torques are unchanged, and bearing_torque is left out.
     """
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
@@ -151,8 +153,8 @@ def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDA
 def _torque_limit_sentences(
     pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Yield one sentence if motor_torque (hinge_torque where there is no motor) exceeds the pair's torque_limit at
-    any instant, otherwise nothing.
+    """Yield one sentence if motor_torque, or hinge_torque if there is no motor, exceeds the pair's torque_limit at
+    any of the instants t, otherwise nothing. `force_arrays` has the torques by name.
     """
     limit = getattr(pair, "torque_limit", None)
     if limit is None:
@@ -172,9 +174,10 @@ def _force_noise(
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
-    """Return (deviations, note): the standard deviation that noise of the log causes in each force, by name, and a
-    sentence on that noise. The noise is estimated by adding random noise of equal size once and comparing with
-    `force_arrays`.
+    """Return (deviations, note): the standard deviation that noise of the log causes in each force, a dict of arrays
+    by name, and a sentence on that noise. It is found by adding random noise of the estimated size to `motion`, a
+    KnownMotion with accelerations, and comparing its forces with `force_arrays`. `derived_names` are the rates found
+    by finite differences.
     """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ACCURACY_ORDER)

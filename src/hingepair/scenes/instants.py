@@ -122,12 +122,14 @@ class SampledScene(Shown, abc.ABC):
         return (slice(start, start + ROWS_PER_BLOCK) for start in range(0, self.samples, ROWS_PER_BLOCK))
 
     def spread(self, max_instants: int) -> Rows:
-        """Return the indices of at most `max_instants` evenly spread instants (at least one), as an integer array."""
+        """Return the indices of `max_instants` evenly spread instants, or of all if there are fewer, as an integer
+        array.
+        """
         return np.unique(np.linspace(0, self.samples - 1, min(self.samples, max_instants)).astype(np.intp))
 
 
 def read_instants(time: Table) -> UniformInstants:
-    """Return the UniformInstants that the keys start, stop and samples of the table [time] define. Raise a SceneError
+    """Return the UniformInstants that the keys start, stop and samples of the Table [time] define. Raise a SceneError
     for other keys and bad values.
     """
     start, stop, samples = time.read(_READER_BY_TIME_KEY, required=_READER_BY_TIME_KEY).values()

@@ -99,8 +99,9 @@ class MotionByCoordinates:
     def forward_kinematics(
         self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
     ) -> PairState | PlanarState:
-        """Compute the pair's outputs along the motion; return a PairState, in the plane a PlanarState. `outputs` None
-        means all outputs of body 2 that the known derivatives allow.
+        """Compute outputs of a pair along the motion; return a PairState, in the plane a PlanarState. `outputs` are
+        their names; None means all outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy"
+        or "compiled".
         """
         state: PairState | PlanarState = pair.forward_kinematics(
             *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
@@ -115,8 +116,8 @@ class MotionByCoordinates:
         return report
 
     def constant_names(self) -> frozenset[str]:
-        """Return the names of the plan inputs that do not change: coordinates, and groups of coordinates such as phi.
-        Only values stored as floats count as constant.
+        """Return the names of the coordinates, and of groups of coordinates such as phi, that do not change, a
+        frozenset. Only values stored as floats count as constant.
         """
         derivative_by_part = dict(zip(PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
@@ -143,8 +144,8 @@ class MotionByCoordinates:
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 in space as a dict of arrays. If first derivatives are known, add omega1, omega2,
-        psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
+        """Return R1, S1, R2, S2 of a pair in space as a dict of arrays. If first derivatives are known, add omega1,
+        omega2, psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if self.sequence:
             arrays = self.forward_kinematics(
@@ -246,8 +247,8 @@ class MotionByBody1:
         return MotionByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """Compute the pair's outputs along the motion; return a PairState. `outputs` None means all outputs of body 2
-        that the known derivatives allow.
+        """Compute outputs of a pair along the motion; return a PairState. `outputs` are their names; None means all
+        outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy" or "compiled".
         """
         state: PairState = pair.forward_kinematics_from_body1(
             self.body1, *self.hinge, outputs=outputs, backend=backend
@@ -278,8 +279,8 @@ class MotionByBody1:
 
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
-    """Return the unit quaternions (qw >= 0) of rotations as a dict of four columns named qx, qy, qz, qw, each name
-    followed by `digit`, the number of the body.
+    """Return the unit quaternions (qw >= 0) of rotation matrices S, shape (N, 3, 3), as a dict of four columns named
+    qx, qy, qz, qw, each name followed by `digit`, the number of the body or empty.
     """
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
@@ -290,8 +291,8 @@ KnownMotion: TypeAlias = MotionByCoordinates | MotionByBody1
 
 
 def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
-    """Return the MotionByBody1 of a dict of arrays named R1, S1, psi, v1, omega1, psid, a1, alpha1, psidd. Its
-    derivatives go up to the highest order of which all three arrays are present.
+    """Return the MotionByBody1 of arrays by name: R1, S1, psi and, as far as known, v1, omega1, psid, a1, alpha1,
+    psidd. Its derivatives go up to the highest order of which all three arrays are present.
     """
     level = max(i for i, names in enumerate(_BODY1_AND_HINGE_NAMES_BY_ORDER) if array_by_name.keys() >= {*names})
     arrays = {

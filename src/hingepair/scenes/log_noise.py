@@ -64,8 +64,8 @@ class LogNoise:
         self._rng = np.random.default_rng(0)
 
     def with_noise_added(self, motion: KnownMotion) -> KnownMotion:
-        """Return a copy of a motion, which must have second derivatives, to which random noise of the size estimated
-        from the motion itself is added. Store this size in `sizes`.
+        """Return a copy of a KnownMotion, which must have second derivatives, with random noise added to all
+        quantities. The size of the noise is estimated from the motion itself and stored in the attribute `sizes`.
         """
         return (
             self._add_to_coordinates(motion)
@@ -74,15 +74,16 @@ class LogNoise:
         )
 
     def column_with_noise_added(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
-        """Return a coordinate and its first and second derivative, each with random noise of the estimated size
-        added; a list of arrays (N,). Store the size in `sizes`.
+        """Return a coordinate and its first and second derivative with random noise added, a list of arrays (N,).
+        `values` are the three arrays and `names` their names. The size of the noise is estimated from them and stored
+        in the attribute `sizes`.
         """
         noise = self._draw_noise(names, [column[:, None] for column in values])
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
     def _add_to_coordinates(self, motion: MotionByCoordinates) -> MotionByCoordinates:
         """Return a copy of a MotionByCoordinates with random noise of the estimated size added to all coordinates and
-        derivatives. Store the sizes in `sizes`.
+        derivatives. Store the sizes in the attribute `sizes`.
         """
         columns = []
         for names, *derivatives in zip(
@@ -101,7 +102,7 @@ class LogNoise:
 
     def _add_to_body1(self, motion: MotionByBody1) -> MotionByBody1:
         """Return a copy of a MotionByBody1 with random noise of the estimated size added to the motion of body 1, to
-        psi and to their derivatives. Store the sizes in `sizes`.
+        psi and to their derivatives. Store the sizes in the attribute `sizes`.
         """
         letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
         hinge = self._draw_noise(("psi", "psid", "psidd"), [angle[:, None] for angle in motion.hinge])
@@ -115,9 +116,9 @@ class LogNoise:
         return MotionByBody1(BodyMotion(**moved), angles)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k), estimated from
-        `values`. Derivatives found by finite differences get the differences of the noise. Store the sizes in
-        `sizes`.
+        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are their
+        samples, from which the size is estimated, and `names` their names. A derivative found by finite differences
+        gets the differences of the noise. Store the sizes in the attribute `sizes`.
         """
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []

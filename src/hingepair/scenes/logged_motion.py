@@ -61,8 +61,9 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Column names that a log may have, grouped into the arrays they form, with the names of angles and of results. A
-    log with a column of results is refused.
+    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, `angles` names arrays and
+    columns that hold angles, `results` names of results, which a log must not have, and `written` is the command that
+    writes such a log, for messages.
 
     Attributes:
         arrays: names of the columns of each array, by the name of the array.
@@ -106,9 +107,9 @@ _MIN_INSTANT_READ_AS_LONG_DOUBLE: Final = 1e5  # s: from here on instants are ro
 
 
 def read_log(table: Table, folder: Path) -> Motion:
-    """Return the Motion of the log file that the table [motion] names; a relative path is relative to `folder`. The
-    samples are used as they are, smoothed or integrated, as the table says. Raise a SceneError for bad keys or
-    columns.
+    """Return the Motion of the log file that the Table [motion] names; a relative path is relative to `folder`. The
+    samples are used as they are, differentiated, smoothed or integrated, as the table says. Raise a SceneError for
+    bad keys or columns.
     """
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
     start = (*INTEGRATION_OPTION_KEYS, "S1_0")
@@ -131,8 +132,8 @@ def read_log(table: Table, folder: Path) -> Motion:
 
 
 def log_path(table: Table, folder: Path) -> Path:
-    """Return the path of the log that the key `file` of [motion] names, relative to `folder`. Raise a SceneError if
-    there is no such file.
+    """Return the path of the log that the key `file` of the Table [motion] names, relative to `folder`. Raise a
+    SceneError if there is no such file.
     """
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
@@ -141,8 +142,8 @@ def log_path(table: Table, folder: Path) -> Path:
 
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
-    """Return the column names under the key `ignore` of [motion], which are not read; empty without the key. Raise a
-    SceneError unless it is a list of texts.
+    """Return the frozenset of the column names under the key `ignore` of the Table [motion], which are not read; it
+    is empty without the key. Raise a SceneError unless the value is a list of texts.
     """
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -151,8 +152,8 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
-    """Return the axes of the log's angular velocities: "body" or "world". Raise a SceneError if the log has angular
-    velocities and the table has no key `frame`, or the key without them.
+    """Return the axes of a log's angular velocities, which the key `frame` of the table names: "body" or "world".
+    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or the reverse.
     """
     rates = [
         column
@@ -220,8 +221,8 @@ class Log(NamedSource):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
-        """Return the column names without the ignored ones. Raise a SceneError for a column that is unknown, holds
-        results or comes twice, and for an ignored name that the file lacks.
+        """Return the list of `column_names` of the file without the ignored ones. Raise a SceneError for a column
+        that is not in `known_names`, holds results or comes twice, and for an ignored name that the file lacks.
         """
         for name in sorted(self._ignored.difference(column_names)):
             expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
@@ -239,9 +240,10 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives (`names`) as a dict of arrays; empty if the log lacks the quantity
-        and it is not required. If the log is completed, compute missing derivatives by finite differences and record
-        them in `derived` and `noise_shares`.
+        """Return a quantity and its derivatives as a dict of arrays; `names` are theirs, in this order. It is empty
+        if the log lacks the quantity and `required` is False; otherwise its absence raises a SceneError. If the
+        attribute `completed` is True, compute missing derivatives by finite differences and record them in the
+        attributes `derived` and `noise_shares`.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
@@ -263,8 +265,8 @@ class Log(NamedSource):
         return {name: array if name in self.layout.arrays else array[:, 0] for name, array in arrays.items()}
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
-        """Return the columns of an array, shape (N, k); None if the log has none of them and they are not required.
-        Raise a SceneError if it lacks some of them.
+        """Return the columns that form the array `array_name`, shape (N, k); None if the log has none of them and
+        `required` is False. Raise a SceneError if it lacks some of them, or all and `required` is True.
         """
         column_names = self.layout.columns_of(array_name)
         present_names = [column for column in column_names if column in self.columns]
@@ -278,8 +280,8 @@ class Log(NamedSource):
         return np.stack([self.columns[column] for column in column_names], axis=-1)
 
     def check_finite(self, name: str, array: Float64Array, use: str) -> None:
-        """Raise a SceneError if an array has a number that is not finite. `use` is a participle such as "integrated"
-        that the message contains.
+        """Raise a SceneError that names a column of the array `name` if the array has a number that is not finite.
+        `use` is a participle such as "integrated" that the message contains.
         """
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
@@ -298,9 +300,9 @@ class Log(NamedSource):
     def _derivatives(
         self, name: str, array: Float64Array
     ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
-        """Return ((first, second), deviations): derivatives of an array by finite differences, and the standard
-        deviations of their noise. For a quaternion they are omega and alpha. Angles are unwrapped first. Raise a
-        SceneError for numbers that are not finite.
+        """Return ((first, second), (first deviation, second deviation)): derivatives of the array `name` by finite
+        differences, and the standard deviations of their noise. For a quaternion they are omega and alpha. Angles are
+        unwrapped first. Raise a SceneError for numbers that are not finite.
         """
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
@@ -321,8 +323,9 @@ class Log(NamedSource):
         return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return angles [rad], with jumps by whole turns removed if `unwrap` is True, or if it is None and they look
-        wrapped. Append a sentence to `notes` if `unwrap` is None and there are jumps.
+        """Return the angles [rad] of the column `name`, with jumps by whole turns removed if the attribute `unwrap`
+        is True, or if it is None and they look wrapped. Append a sentence to the attribute `notes` if it is None and
+        there are jumps.
         """
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
@@ -370,9 +373,9 @@ class Log(NamedSource):
 
 
 def _read_stated_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion of the log's position, attitude and psi, with derivatives up to the highest order in
-    the log. Raise a SceneError if a quantity lacks a derivative of that order. Angular velocities are converted
-    to world axes.
+    """Return the Motion of a Log's position, attitude and psi, with derivatives up to the highest order that the log
+    has. The keys `sequence` and `frame` are read from the Table [motion]; angular velocities are converted to world
+    axes. Raise a SceneError if a quantity lacks a derivative of that order.
     """
     attitude = _attitude_names(log)
     if attitude is _QUATERNION_AND_RATE_NAMES_BY_ORDER and "sequence" in table.values:
@@ -405,8 +408,9 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
 
 
 def _read_smoothed_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion found by smoothing the log's position, attitude and psi, with first and second derivatives.
-    Raise a SceneError for any other column. Warnings of the smoothing become notes.
+    """Return the Motion found by smoothing a Log's position, attitude and psi, with first and second derivatives. The
+    Euler sequence is read from the Table [motion]. Raise a SceneError for any other column. Warnings of the smoothing
+    become notes.
     """
     attitude = _attitude_names(log)
     read = {
@@ -461,8 +465,9 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
 
 
 def _integrate_rates(table: Table, log: Log) -> Motion:
-    """Return the Motion found by integrating the log's omega1 and psi' (E12). Raise a SceneError for columns other
-    than those of rates and R1, and for rates that are not finite.
+    """Return the Motion found by integrating a Log's omega1 and psi' (E12). Start values, axes and method are read
+    from the Table [motion]. Raise a SceneError for columns other than those of rates and R1, and for rates that are
+    not finite.
     """
     rates = (_QUATERNION_AND_RATE_NAMES_BY_ORDER[1:], _HINGE_ANGLE_NAMES_BY_ORDER[1:])
     quantities = (name for names in (_POSITION_NAMES_BY_ORDER, *rates) for name in names)
@@ -520,8 +525,9 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest derivative order that any quantity of the log has: 0, 1 or 2. Raise a SceneError if another
-    quantity lacks a derivative of that order or a lower one.
+    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has. `arrays_by_quantity` maps the
+    names of a quantity and its derivatives to a dict of their arrays. Raise a SceneError if a quantity lacks a
+    derivative of that order or a lower one.
     """
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():
@@ -533,8 +539,8 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
 
 
 def _seven_coordinates(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
-    """Return the seven coordinates of position, Euler angles and psi as a tuple of arrays (N,); a coordinate that
-    never changes is one float.
+    """Return the seven coordinates of three arrays `parts`, position (N, 3), Euler angles (N, 3) and psi (N,), as a
+    tuple of arrays (N,). A coordinate that never changes is one float. The arrays may be derivatives.
     """
     columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

@@ -38,7 +38,8 @@ class PairMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at the instants of a scene, with its origin, error estimates, gravity, and notes for reports.
+    """Motion of a pair at the instants `t` of a scene: the `source`, which gives the motion at some instants, the
+    words `origin`, `how`, `doubt` and `hint` for reports, `errors`, error estimates by unit, and sentences `notes`.
 
     Attributes:
         t: instants [s].
@@ -145,8 +146,8 @@ class LimitCounter:
 
 
 def constant_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
-    """Yield one sentence if angles [rad] look like degrees, otherwise nothing. They do if all are whole numbers and
-    the largest exceeds two turns.
+    """Yield one sentence, which begins with `name`, if angles [rad] look like degrees, otherwise nothing. They do if
+    all are whole numbers and the largest absolute value exceeds two turns.
     """
     if angles and all(angle % 1 == 0 for angle in angles) and abs(largest := max(angles, key=abs)) > 4 * math.pi:
         yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'

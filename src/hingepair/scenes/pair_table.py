@@ -19,8 +19,8 @@ Made = TypeVar("Made")
 
 
 def _read_inertia(table: Table, key: str) -> Any:
-    """Return the inertia under a key as a 3 x 3 array or nested list of numbers, from three principal moments or a
-    matrix. Raise a SceneError for another shape.
+    """Return the inertia under a key of a Table as a 3 x 3 array or nested list of numbers; the value is three
+    principal moments or a matrix. Raise a SceneError for another shape.
     """
     entries = table.values[key]
     diagonal = isinstance(entries, list) and not any(isinstance(row, list) for row in entries)
@@ -56,7 +56,9 @@ def _read_shape(table: Table) -> Shape:
 
 
 def read_body(table: Table, key: str) -> Body:
-    """Return the Body (mass properties and shapes) of the table below a key."""
+    """Return the Body (mass properties and shapes) that the table under `key` of a Table describes. Raise a
+    SceneError for bad keys or values.
+    """
     own = table.table(key)
     return construct_from_table(own, Body, own.read(READER_BY_BODY_KEY))
 
@@ -105,8 +107,9 @@ SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_BY_SPATIAL_PAIR_KEY, *_READER_BY_ROBOT
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """Return the HingePair or PlanarPair of the table [pair], which describes it or names a robot's hinge. Its name
-    is the stem of the file's name unless the table has a name. Raise a SceneError for bad keys or values.
+    """Return the pair of the Table [pair], which describes it or names a robot's hinge: a PlanarPair if `planar` is
+    True, otherwise a HingePair. Its name is the stem of the file's name unless the table has a name or names a hinge.
+    Raise a SceneError for bad keys or values.
     """
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
@@ -131,15 +134,11 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
 def pair_expressions(
     table: Table, planar: bool, symbolic_constants: Collection[str] = ()
 ) -> dict[str, tuple[Any, ...]]:
-    """Return u1, u2, n (scaled to length 1) and home of the table [pair] as a dict of tuples of exact SymPy
-    expressions. Leave out keys that the table does not have, and an axis n in plain numbers.
+    """Return u1, u2, n (scaled to length 1) and home of the Table [pair] as a dict of tuples of exact SymPy
+    expressions. If `planar` is True, u1 and u2 have two components. Leave out keys that the table lacks, and an axis
+    n in plain numbers. The constants named in `symbolic_constants` stay symbols.
 
     A table that names a robot's hinge has none of these keys.
-
-    Args:
-        table: the table [pair].
-        planar: whether u1 and u2 have two components.
-        symbolic_constants: constants of the scene that stay symbols.
     """
     from hingepair.symbolic.exact_constants import exact_unit_axis
 
@@ -157,8 +156,8 @@ def pair_expressions(
 
 
 def construct_from_table(table: Table, factory: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:
-    """Call `factory` with the keyword arguments and return its result. Convert an ArgumentError into a
-    SceneError that names the table's key.
+    """Call `factory` with the keyword arguments in the dict `arguments`, and return its result. Convert an
+    ArgumentError into a SceneError that names the key of `table` with the argument's name.
     """
     with table.naming():
         return factory(**arguments)

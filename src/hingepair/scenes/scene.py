@@ -250,8 +250,8 @@ class Scene(SampledScene):
         return self.motion.source.sequence
 
     def additional_output_names(self, level: int) -> tuple[str, ...]:
-        """Return the names of the coordinate outputs, and in space of the quaternion outputs, that need derivatives
-        of order `level` at most.
+        """Return a tuple of the names of the coordinate outputs, and in space of the quaternion outputs, that need
+        derivatives of order `level` at most.
         """
         names = COORDINATE_AND_QUATERNION_OUTPUT_NAMES if self.kind == SPATIAL_MOTION else COORDINATE_OUTPUT_NAMES
         return tuple(name for name in names if _output_level(name) <= level)
@@ -287,7 +287,7 @@ class Scene(SampledScene):
         return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Return (q, qd, qdd): the coordinates and their exact derivatives at any instants t, each a tuple with one
+        """Return (q, qd, qdd) at any instants t: the coordinates and their exact derivatives, each a tuple with one
         array or float per coordinate. Raise an ArgumentError if the motion is not defined by functions of t.
 
         Args:
@@ -304,8 +304,9 @@ class Scene(SampledScene):
         return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute outputs of the pair at all instants of the scene; return a SceneResult. Raise an ArgumentError for
-        outputs that the motion does not allow, or too many instants.
+        """Compute outputs of the pair at all instants of the scene; return a SceneResult. `outputs` are their names;
+        None means the outputs that the scene names, or else all of body 2. Raise an ArgumentError for outputs that
+        the motion does not allow, or too many instants.
 
         Args:
             outputs: names of outputs. In space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1,
@@ -322,8 +323,8 @@ class Scene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs of the pair at `max_instants` evenly spread instants, or at all if there are fewer; return
-        a SceneResult whose motion has all derivatives of the scene. Raise an ArgumentError for outputs that the
-        motion does not allow.
+        a SceneResult whose motion has all derivatives of the scene. `outputs` None means the scene's default outputs.
+        Raise an ArgumentError for outputs that the motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -333,7 +334,8 @@ class Scene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
-        Raise an ArgumentError for outputs that the motion does not allow.
+        `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion does not
+        allow.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
@@ -348,8 +350,9 @@ class Scene(SampledScene):
             yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
-        """Return the SceneResult of the outputs `names` at the instants with the indices `rows`; `names` None means
-        all outputs of body 2. The `known` motion has derivatives at least up to `min_order`.
+        """Return the SceneResult of the outputs `names` at the instants with the indices `rows`, a slice or an array;
+        `names` None means all outputs of body 2. Its attribute `known`, the motion, has derivatives at least up to
+        `min_order`.
         """
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
@@ -375,7 +378,8 @@ class Scene(SampledScene):
         return explain(self.pair, self.motion.source.part(slice(1), order), state_outputs, self.motion.level)
 
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
-        """Compare the equations of body 2's motion with Pinocchio; return a CrossValidation. Raise a
+        """Compare the equations of body 2's motion with Pinocchio at `max_instants` evenly spread instants, by
+        default at all; return a CrossValidation. Of a simulated motion, compare forces and rates too. Raise a
         MissingDependencyError if Pinocchio is not installed.
 
         For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
@@ -416,8 +420,8 @@ class Scene(SampledScene):
         return replace(report, forces=forces, rates=rates)
 
     def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return sentences for a comparison with Pinocchio: on errors of the motion that are unknown, or that exceed
-        the bound of the comparison. `u` is the unit roundoff.
+        """Return a tuple of sentences for a comparison with Pinocchio: that errors of the motion are unknown, or that
+        they exceed the bound of the comparison. `u` is the unit roundoff.
         """
         from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
 
@@ -437,8 +441,9 @@ class Scene(SampledScene):
         return tuple(notes)
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the scene's motion requires at its instants (D1-D5); return a SceneForces. Raise
-        an ArgumentError if mass properties of body 2 or accelerations are missing.
+        """Compute the forces that the scene's motion requires at its instants (D1-D5); return a SceneForces.
+        `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if mass properties of body 2
+        or accelerations are missing, or if `gravity` is given for a simulated motion.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
@@ -469,8 +474,8 @@ class Scene(SampledScene):
         return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for readers of the results: on psi and its rate outside their limits, kinks, and angles
-        that look like degrees. The whole motion is evaluated for this.
+        """Return a tuple of sentences for readers of the results: on psi and its rate outside their limits, kinks,
+        and angles that look like degrees. The whole motion is evaluated for this.
         """
         notes = self.note_collector()
         for part in self.blocks(("psi",)):
@@ -482,8 +487,8 @@ class Scene(SampledScene):
         return SceneNotes(self)
 
     def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the output names as a tuple; None returns the default outputs of the scene. Raise an ArgumentError
-        for an output that does not exist or that the motion does not allow.
+        """Return the output names as a tuple. For None return the default outputs of the scene, which may be None
+        too. Raise an ArgumentError for an output that does not exist or that the motion does not allow.
         """
         if outputs is None:
             return self.outputs
@@ -502,8 +507,9 @@ class Scene(SampledScene):
         return names
 
     def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return (outputs, order): the outputs of the equations that the names need, None for all, and the highest
-        derivative order that the names need.
+        """Return (outputs, order) for the requested `names`: the outputs of the equations that they need, a tuple of
+        names or None for all outputs of body 2, and the highest derivative order that they need. `names` None needs
+        all.
         """
         if names is None:
             return None, self.motion.level
@@ -526,14 +532,16 @@ class SceneNotes:
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
-        """Update the counts of passed limits and kinks with one block of results; the blocks must come in order."""
+        """Update the counts of kinks and of instants outside limits with one block of results, a SceneResult; the
+        blocks must come in order of time.
+        """
         self._kinks += self._scene.motion.count_kinks(part.first, part.first + len(part.t))
         self._psi.add(part.t, part.known.psi)
         if self._psid is not None:
             self._psid.add(part.t, part.known.hinge_angle(1))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all added blocks as a tuple of sentences, followed by the notes of the motion."""
+        """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
         motion, samples = self._scene.motion, self._scene.samples
         least, most = self._psi.least, self._psi.most
         sentences = [
@@ -550,8 +558,8 @@ class SceneNotes:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a TOML scene file and return a Scene (of a pair) or a MechanismScene (of a robot). docs/scenes.md
-    describes the format. Raise a SceneError if the file cannot be read as a scene.
+    """Read a TOML scene file, and return a Scene (of a pair) or a MechanismScene (of a robot), which `evaluate()`
+    computes. docs/scenes.md describes the format. Raise a SceneError if the file cannot be read as a scene.
 
     Args:
         path: path of the scene file. Paths in the file are relative to its folder.
@@ -567,8 +575,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
 
 
 def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Return the Scene or MechanismScene that the tables of the scene file at `path` define. Paths in the tables are
-    relative to its folder. Raise a SceneError for tables that define no scene.
+    """Return the Scene or MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines.
+    Paths in the tables are relative to its folder. Raise a SceneError for tables that define no scene.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -631,8 +639,8 @@ def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a scene file and evaluate its constants; return a Table. Raise a SceneError for a file that cannot be
-    read, an unknown table or a bad constant.
+    """Read a scene file, evaluate its constants, and return its top-level Table. Raise a SceneError for a file that
+    cannot be read, an unknown table or a bad constant.
 
     Raises:
         SceneError: the file cannot be read, has an unknown table, or has a constant that cannot be evaluated.
@@ -641,7 +649,7 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def with_constants_evaluated(tables: Table) -> Table:
-    """Return a copy of a scene's tables whose attribute `constants` holds the evaluated constants of
+    """Return a copy of a scene's top-level Table whose attribute `constants` holds the evaluated constants of
     [motion.constants]. Raise a SceneError for an unknown table, a sweep's file, or a constant that cannot be
     evaluated.
 
@@ -674,7 +682,9 @@ def with_constants_evaluated(tables: Table) -> Table:
 
 
 def _is_of_mechanism(tables: Table) -> bool:
-    """Return whether the tables are those of a mechanism's scene; otherwise they are those of a pair's."""
+    """Return whether the top-level Table of a scene file has a table [mechanism] or [[joint]], and so is that of a
+    mechanism's scene; otherwise it is that of a pair's.
+    """
     return not tables.values.keys().isdisjoint({"mechanism", "joint"})
 
 
@@ -685,8 +695,8 @@ def _read_pair(tables: Table) -> HingePair | PlanarPair:
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Return the Motion that the tables [motion], [dynamics] and [time] define. The path of a log is relative to
-    `folder`. Raise a SceneError for missing or bad tables.
+    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define. A simulated motion is
+    simulated. The path of a log is relative to `folder`. Raise a SceneError for missing or bad tables.
     """
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:

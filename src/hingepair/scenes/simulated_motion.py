@@ -54,8 +54,8 @@ _DYNAMICS_KEY_BY_SIMULATE_ARGUMENT: Final = {"body1": "R1_0", "body1.v": "v1_0",
 
 
 def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
-    """Return the values of the keys: a list of floats, or, if any is an expression in t, psi or psid, a callable of
-    (t, psi, psid) that returns all values. Raise a SceneError for a value that is neither.
+    """Return the values under keys of a Table: a list of floats, or, if any is an expression in t, psi or psid, a
+    callable of (t, psi, psid) that returns all values. Raise a SceneError for a value that is neither.
     """
     constants = {**table.constants, **dict.fromkeys(_HINGE_VARIABLE_NAMES, 0.0)}
     expressions = []
@@ -74,16 +74,17 @@ def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
 
 
 def _read_hinge_torque(table: Table, key: str) -> Any:
-    """Return the torque under a key, about the hinge or in the plane: a float, or a callable of (t, psi, psid). Raise
-    a SceneError for any other value.
+    """Return the torque under a key of a Table: a float, or, for an expression, a callable of (t, psi, psid). It acts
+    about the hinge or in the plane. Raise a SceneError for any other value.
     """
     torque = _read_hinge_functions(table, (key,))
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]
 
 
 def _read_load(table: Table, key: str, component_count: int) -> Any:
-    """Return the force or torque on a body under a key: a list of floats, or a callable of (t, now), where `now` is
-    the motion at t. With `component_count` 1, a torque in the plane, the list is a single float.
+    """Return the force or torque on a body under a key of a Table: a list of `component_count` floats, or, for
+    expressions, a callable of (t, now), where `now` is the motion at t. With `component_count` 1, a torque in the
+    plane, the list is a single float. Raise a SceneError for other values.
     """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
@@ -98,15 +99,15 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
 
 
 def _read_stops(table: Table, key: str) -> Any:
-    """Return the stops under a key: a tuple of two angles [rad], or True if the key holds true, which means the
-    limits of the pair. Raise a SceneError for other values.
+    """Return the stops under a key of a Table: a tuple of two angles [rad], or True if the value is true, which means
+    the limits of the pair. Raise a SceneError for other values.
     """
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
 def _read_instants(table: Table, key: str) -> list[Any]:
-    """Return the list of instants [s], of any length, under a key. Raise a SceneError unless it is a list of
-    numbers.
+    """Return the list of instants [s], of any length, under a key of a Table. Raise a SceneError unless the value is
+    a list of numbers.
     """
     value = table.values[key]
     return table.numbers(key, len(value) if isinstance(value, list) else 1)
@@ -139,7 +140,9 @@ SPATIAL_DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 
 
 class DynamicsSetup(NamedTuple):
-    """Values of the table [dynamics] of a scene, sorted into arguments of `HingeLoad` and of `simulate`.
+    """Values of the table [dynamics] of a scene: `base` ("free", "pinned", "fixed" or "prescribed"), `body1`, its
+    motion at the start, `hinge`, arguments of a `HingeLoad` by name, `others`, the other arguments of `simulate`, and
+    `keys`, the keys of the table.
 
     Attributes:
         base: "free", "pinned", "fixed" or "prescribed".
@@ -157,8 +160,8 @@ class DynamicsSetup(NamedTuple):
 
 
 def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
-    """Return the DynamicsSetup of the table [dynamics] without simulating it. Raise a SceneError for bad keys or
-    values, and for stops = true if the pair has no limits.
+    """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it. Raise a SceneError for bad
+    keys or values, and for stops = true if the pair has no limits.
     """
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
@@ -181,8 +184,8 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
 
 
 def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
-    """Simulate the motion that the tables [dynamics], [motion] and [time] define and return it as a Motion. Raise a
-    SceneError for bad values, missing mass properties, or a simulation that cannot be continued.
+    """Simulate the motion of a pair that the Tables [dynamics] (`table`), [motion] and [time] define, and return it
+    as a Motion. Raise a SceneError for bad values, missing mass properties, or a simulation that cannot be continued.
     """
     kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
@@ -232,8 +235,9 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
-    """Return the motion of body 1 at the first instant as a BodyMotion in space, from the start values of [dynamics]
-    by key. Values that are missing mean rest at the origin.
+    """Return the motion of body 1 at the first instant as a BodyMotion in space. `start_values` are the values of
+    [dynamics] by key, such as R1_0; missing ones mean rest at the origin. `planar` True means that of a pair in the
+    plane. Raise a SceneError that names `table` for a bad attitude.
     """
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
@@ -247,7 +251,7 @@ def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) 
 
 def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
-    in the table [motion]. Raise a SceneError for bad coordinates.
+    in the Table [motion]. Those of a PlanarPair are x, y, phi. Raise a SceneError for bad coordinates.
     """
     names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])

@@ -61,8 +61,8 @@ class WayPoints:
         return derivatives[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in derivatives[1:])
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return for each interval between neighbouring instants whether it contains a break where the first or
-        second derivative jumps; shape (N - 1,).
+        """Return an array of booleans, shape (N - 1,): for each interval between neighbouring instants t, shape (N,),
+        whether it contains a break where the first or second derivative jumps.
         """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         places = np.searchsorted(t, self.breaks, side="left") - 1
@@ -70,7 +70,9 @@ class WayPoints:
         return switched
 
     def max_abs_derivative(self, order: int) -> float:
-        """Return the largest absolute value that the derivative of the given order has at any time."""
+        """Return the largest absolute value, a float, that the derivative of the given order (0 for the function) has
+        at any time.
+        """
         derived, largest = _derived(self.coefficients, order), 0.0
         for polynomial_coefficients, length in zip(derived, np.diff(self.breaks), strict=False):
             slope = np.polynomial.Polynomial(polynomial_coefficients).deriv()
@@ -94,7 +96,9 @@ class WayPoints:
         return largest
 
     def _kinked_breaks(self) -> NDArray[np.bool_]:
-        """Return for each break whether the first or the second derivative jumps there; shape (m,)."""
+        """Return an array of booleans, shape (m,): for each break, whether the first or the second derivative jumps
+        there.
+        """
         kinked = np.zeros(self.breaks.size, dtype=bool)
         lengths = np.diff(self.breaks)
         for k in (1, 2):
@@ -108,8 +112,9 @@ class WayPoints:
 def interpolate_way_points(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
-    """Return WayPoints through values at increasing instants t, with one of the WAY_POINT_PROFILE_NAMES. Raise an
-    ArgumentError if the profile needs a larger rate or acceleration than `speed` and `acceleration` allow.
+    """Return WayPoints through values at increasing instants t; `profile`, one of the WAY_POINT_PROFILE_NAMES,
+    selects the polynomials between them. Raise an ArgumentError if the profile needs a larger rate or acceleration
+    than the limits `speed` and `acceleration` allow.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)
@@ -137,8 +142,8 @@ def interpolate_way_points(
 def _profile_coefficients(
     t: Float64Array, values: Float64Array, unit_coefficients: tuple[float, ...]
 ) -> Float64Array:
-    """Return the coefficients of the polynomials between neighbouring points, lowest power first; shape (m - 1,
-    degree + 1). `unit_coefficients` are those of the polynomial that goes from 0 to 1 in unit time.
+    """Return the coefficients of the polynomials between neighbouring points (t, values), lowest power first; shape
+    (m - 1, degree + 1). `unit_coefficients` are those of the polynomial that goes from 0 to 1 in unit time.
     """
     powers = np.diff(t)[:, None] ** np.arange(len(unit_coefficients))
     coefficients: Float64Array = np.diff(values)[:, None] * np.array(unit_coefficients) / powers
@@ -147,15 +152,15 @@ def _profile_coefficients(
 
 
 def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
-    """Return the coefficients, lowest power first, shape (m - 1, 6), of the spline of degree 5 through points. Its
-    first and second derivative are 0 at both ends.
+    """Return the coefficients, lowest power first, shape (m - 1, 6), of the spline of degree 5 through the points (t,
+    values). Its first and second derivatives are 0 at both ends.
     """
     h, m, size = np.diff(t), len(t) - 1, 6
     ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
 
     def derivative_row(piece: int, order: int, end: int) -> Float64Array:
-        """Return the row of the linear system for the derivative of an order (0: the value) of one polynomial at its
-        start (`end` 0) or its end (1).
+        """Return the row of a linear system, a flat array, for the derivative of an order (0: the value) of the
+        polynomial with the index `piece` at its start (`end` 0) or its end (1).
         """
         equation = np.zeros((m, size))
         equation[piece] = ends[order][end]
@@ -176,8 +181,9 @@ def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
 
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
-    """Return WayPoints that stop at each point and between two points accelerate, cruise at constant rate and brake.
-    Raise an ArgumentError if the limits allow no such motion.
+    """Return WayPoints through `values` at instants t that stop at each point and between two points accelerate,
+    cruise at constant rate and brake. Raise an ArgumentError if the limits `speed` and `acceleration` allow no such
+    motion.
     """
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):
@@ -195,8 +201,8 @@ def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, a
 
 
 def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_value: float) -> WayPoints:
-    """Return the WayPoints of the given breaks and polynomials, with a constant polynomial of value `last_value`
-    appended after the last break.
+    """Return the WayPoints of the given breaks and polynomials' coefficients, with a constant polynomial of value
+    `last_value` appended after the last break.
     """
     still = np.zeros((1, coefficients.shape[1]))
     still[0, 0] = last_value
@@ -204,9 +210,9 @@ def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_va
 
 
 def _ramp_time(interval_text: str, duration: float, distance: float, speed: float, acceleration: float) -> float:
-    """Return the duration [s] of acceleration, equal to that of braking, on a trapezoid over `distance` in
-    `duration`. Raise an ArgumentError if the limits allow no such motion; `interval_text` names the interval in the
-    message.
+    """Return the duration [s] of acceleration, equal to that of braking, in a motion over `distance` in `duration`
+    with a trapezoidal rate. Raise an ArgumentError if the limits `speed` and `acceleration` allow no such motion;
+    `interval_text` names the interval in the message.
     """
     if distance == 0:
         return duration / 3
@@ -232,7 +238,7 @@ def _derived(coefficients: Float64Array, k: int) -> Float64Array:
 
 
 def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
-    """Return the value of each polynomial at the entry of x that belongs to it; shapes (..., degree + 1) and
-    (...).
+    """Return the value of each polynomial at the entry of x that belongs to it, an array of x's shape (...).
+    `coefficients` has shape (..., degree + 1), lowest power first.
     """
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))

@@ -29,8 +29,9 @@ _JOINT_LOAD_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """Summary of one joint of a mechanism over all instants: extremes of effort, position and rate beside the joint's
-    limits, and the noise of the effort. A missing limit is infinite.
+    """Summary of one joint of a mechanism over all instants: its effort (`rms`, `largest`), the extremes of its
+    position and rate, the limits of all three, and `noise`, the deviation of the effort by noise of a log. A missing
+    limit is infinite.
 
     Attributes:
         joint: name of the joint.
@@ -128,14 +129,8 @@ class JointLogNoise(NamedTuple):
 
     def torque_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
         """Return (deviations, note): the standard deviation that noise of the log causes in each joint effort, shape
-        (dof,) [N m or N], and a sentence on the noise.
-
-        Args:
-            gravity: acceleration of free fall [m/s^2]; shape (3,).
-            tau: torques and forces at all instants; shape (N, dof).
-
-        Returns:
-            The standard deviations, shape (dof,), and the note.
+        (dof,) [N m or N], and a sentence on the noise. `tau` are the efforts at all instants, shape (N, dof), and
+        `gravity` is the gravity vector [m/s^2] that they were computed with.
         """
         rows = noise_rows(len(self.t))
         log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, FINITE_DIFFERENCE_ACCURACY_ORDER)
@@ -171,8 +166,9 @@ def mechanism_scene_forces(
     record: Mapping[str, Any],
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
-    """Return the MechanismSceneForces that a motion of a robot requires. `record` has further arguments of a Record.
-    `noise`, if not None, estimates the effect of the noise of a log.
+    """Return the MechanismSceneForces that `known_motion`, a KnownJointMotion of a robot with accelerations,
+    requires. `record` has t and the other arguments of a Record. `noise` is a JointLogNoise that estimates the effect
+    of the noise of a log, or None.
 
     Args:
         robot: the mechanism.
@@ -199,8 +195,8 @@ def mechanism_scene_forces(
 
 
 def joint_load_table_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
-    """Return the rows of the table of joint loads as a list of tuples of texts, headings first. An infinite limit is
-    an empty cell.
+    """Return the rows of a table of JointLoads as a list of tuples of texts, headings first. An infinite limit is an
+    empty cell. If any load has a noise, a column of noise is added.
     """
     logged = any(math.isfinite(load.noise) for load in loads)
     rows: list[tuple[str, ...]] = [
@@ -229,8 +225,9 @@ def _limit_text(value: float) -> str:
 def _summarize_joint(
     joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
-    """Return the JointLoad of one joint: extremes of its effort `tau` (N,), positions and rates, beside its limits.
-    Values that are not finite are left out.
+    """Return the JointLoad of the joint with the index `joint_index`: extremes of its effort `tau` (N,), of its
+    position and of its rate at the instants t, beside its limits. Values that are not finite are left out. `noise` is
+    copied into it.
     """
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
@@ -257,8 +254,8 @@ def _summarize_joint(
 
 
 def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
-    """Yield one sentence if a joint's effort exceeds its limit at some instants, otherwise nothing. `instant_count`
-    is the number of all instants.
+    """Yield one sentence if a JointLoad exceeds the joint's effort limit at some instants, otherwise nothing.
+    `instant_count` is the number of all instants.
     """
     if load.beyond:
         yield (

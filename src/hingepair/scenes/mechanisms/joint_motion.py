@@ -76,13 +76,15 @@ class KnownJointMotion:
         return len(self.derivatives) - 1
 
     def column(self, order: int, joint: int) -> Float64Array:
-        """Return the coordinate (`order` 0) of the joint with the index `joint`, or its derivative; shape
-        (count,).
+        """Return the coordinate (`order` 0) of the joint with the index `joint`, or its derivative of that order;
+        shape (count,).
         """
         return np.broadcast_to(np.asarray(self.derivatives[order][joint], dtype=np.float64), (self.count,))
 
     def array(self, order: int) -> Float64Array:
-        """Return the coordinates (`order` 0) of all joints, or their derivatives; shape (count, dof)."""
+        """Return the coordinates (`order` 0) of all joints, or their derivatives of this order; shape
+        (count, dof).
+        """
         columns = [self.column(order, joint) for joint in range(len(self.names))]
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
@@ -241,8 +243,8 @@ class JointMotion:
 
 
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
-    """Return the JointMotion that the tables [motion], [base] and [time] define by functions of t or a log. The path
-    of a log is relative to `folder`. Raise a SceneError for bad keys or values.
+    """Return the JointMotion of a robot, a Mechanism, that the tables [motion], [base] and [time] define by functions
+    of t or a log. The path of a log is relative to `folder`. Raise a SceneError for bad keys or values.
     """
     motion, base = tables.table("motion"), _read_base(tables)
     _check_joint_names(motion, robot)
@@ -264,8 +266,8 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
 
 
 def _check_joint_names(motion: Table, robot: Mechanism) -> None:
-    """Raise a SceneError if a joint has the name of an option of [motion], or a name that makes a column of a log
-    ambiguous.
+    """Raise a SceneError if a joint of a robot has the name of an option of the Table [motion], or a name that makes
+    a column of a log ambiguous.
     """
     columns = {"t": "the instants"}
     for name in robot.names:
@@ -280,8 +282,8 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
-    """Return the BaseMotion of the table [base], None if there is no such table. Coordinates that it lacks are 0.
-    Raise a SceneError for bad keys or values.
+    """Return the BaseMotion of the table [base] of a scene's top-level Table; None if there is no such table.
+    Coordinates that [base] lacks are 0. Raise a SceneError for bad keys or values.
     """
     if "base" not in tables.values:
         return None
@@ -296,8 +298,8 @@ def _read_base(tables: Table) -> BaseMotion | None:
 
 
 def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
-    """Return the names of the joints that are keys of [motion], in the robot's order. Raise a SceneError for any
-    other key except `constants`.
+    """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order.
+    Raise a SceneError for any other key except `constants`.
     """
     for key in motion.values:
         if key not in robot.names and key != "constants":
@@ -306,8 +308,8 @@ def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 
 def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
-    """Raise a SceneError for a key of [motion] that is no movable joint. The message says why: it follows another
-    joint, is a link or a fixed joint, or does not exist.
+    """Raise a SceneError for a key of the Table [motion] that is no movable joint of the robot. The message says why:
+    it follows another joint, is a link or a fixed joint, or does not exist.
     """
     joints = robot.tree.joints
     for joint in joints:
@@ -324,16 +326,18 @@ def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
 
 
 def _rest_positions(robot: Mechanism) -> dict[str, float]:
-    """Return the rest position of each joint [rad or m] by name: 0, or the limit closest to 0 if 0 is outside the
-    limits.
+    """Return a dict of the rest position of each joint of a robot [rad or m] by name: 0, or the limit closest to 0 if
+    0 is outside the limits.
     """
     limits = robot.position_limits.tolist()
     return {name: min(max(0.0, least), most) for name, (least, most) in zip(robot.names, limits, strict=True)}
 
 
 def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
-    """Return the JointMotion of a log with a column for each joint, whose rates have columns named with the suffixes
-    d and dd. Derivatives are computed from it if the table asks for it. Raise a SceneError for bad columns.
+    """Return the JointMotion of the log that the Table [motion] names, with a column for each moving joint, whose
+    rates have columns named with the suffixes d and dd; other joints rest. `base` is the BaseMotion or None. The path
+    is relative to `folder`. Missing derivatives are computed if the table asks for them. Raise a SceneError for bad
+    columns.
     """
     completed = table.flag("differentiate")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None

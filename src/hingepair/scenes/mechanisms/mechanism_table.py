@@ -32,8 +32,9 @@ _READER_BY_FRAME_KEY: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbe
 
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
-    """Return the Mechanism that the tables [mechanism] and [[joint]] define, with its frames and payload. Raise a
-    SceneError for tables that define none.
+    """Return the Mechanism that the tables [mechanism] and [[joint]] of a scene's top-level Table define, with its
+    frames and payload. The path of a URDF file is relative to `folder`. Raise a SceneError for tables that define
+    none.
 
     Args:
         tables: top-level table of the scene file.
@@ -61,14 +62,17 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
 
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
-    """Return the gravity vector of the table [mechanism], three floats [m/s^2]; None if it has no such key."""
+    """Return the gravity vector of the table [mechanism] in a scene's top-level Table, three floats [m/s^2]; None if
+    it has no such key.
+    """
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
 
 
 def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
-    """Return the Mechanism of the URDF file or of the robot of example-robot-data that the table [mechanism] names. A
-    path is relative to `folder`. Raise a SceneError for a bad file or name.
+    """Return the Mechanism of the URDF file or of the robot of example-robot-data that the Table [mechanism] names,
+    with its locked joints. A path is relative to `folder`; `base` is "fixed" or "free". Raise a SceneError for a bad
+    file or name.
     """
     if "name" in table.values:
         table.fail("name", "no such key beside robot or urdf, which have a name")
@@ -91,7 +95,8 @@ def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
 
 
 def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
-    """Return the Mechanism of the [[joint]] tables, which may come in any order. Raise a SceneError for equal names,
+    """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order. Its
+    name is in `table`, the Table [mechanism]; `base` is "fixed" or "free". Raise a SceneError for equal names,
     unknown parents, or bad values.
     """
     joint_tables = tables.values["joint"]
@@ -120,7 +125,7 @@ def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
 
 def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
     """Return the name of the parent that a [[joint]] table names; None if it names none. Raise a SceneError for a
-    name that is not in `joints`.
+    name that is not a key of the dict `joints`.
     """
     if "parent" not in table.values:
         return None
@@ -132,8 +137,9 @@ def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
 
 
 def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
-    """Return the names of the joints in depth-first order, siblings sorted by name. Raise a SceneError if the parents
-    form a cycle.
+    """Return the list of the names of the joints in depth-first order, siblings sorted by name. `joints` has the
+    Table of each joint by name, `parents` the name of its parent or None. Raise a SceneError if the parents form a
+    cycle.
     """
     order: list[str] = []
     waiting: list[str | None] = [None]
@@ -149,8 +155,8 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the HingePair or Slider of the given name that a [[joint]] table defines. Raise a SceneError for bad
-    keys or values.
+    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines; its key `kind` selects the class.
+    Raise a SceneError for bad keys or values.
     """
     kind: Any = JOINT_CLASS_BY_KIND[table.choice("kind", tuple(JOINT_CLASS_BY_KIND))]
     described = replace(
@@ -163,8 +169,8 @@ def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
 
 
 def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
-    """Return a copy of the robot with the frames of [mechanism.frames] added; a frame may refer to earlier ones.
-    Raise a SceneError for a name that is taken, or a bad frame.
+    """Return a copy of the robot with the frames of [mechanism.frames] added; `table` is the Table [mechanism]. A
+    frame may refer to earlier ones. Raise a SceneError for a name that is taken, or a bad frame.
     """
     frames = table.table("frames", required=False)
     for name in frames.values:
@@ -179,7 +185,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
 
 def with_payload(robot: Mechanism, table: Table) -> Mechanism:
     """Return a copy of the robot with the bodies of [mechanism.payload] fixed to the links, joints or frames that
-    their keys name. Raise a SceneError for an unknown name or a bad body.
+    their keys name; `table` is the Table [mechanism]. Raise a SceneError for an unknown name or a bad body.
     """
     payload = table.table("payload", required=False)
     for link in payload.values:

@@ -181,8 +181,8 @@ class MechanismSceneResult(Frozen, Result):
         return self.known
 
     def _frame_arrays(self, quantity: str, frame: str) -> dict[str, NDArray[Any]]:
-        """Return a quantity of a frame as a dict with one array by output name, or four arrays for a quaternion;
-        empty if no frame was computed.
+        """Return a quantity of the frame named `frame` as a dict of one array by output name, or of four arrays for
+        the quantity "quat"; empty if no frame was computed.
         """
         if self.state is None:
             return {}
@@ -331,8 +331,9 @@ class MechanismScene(SampledScene):
         return unit_of(quantity)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult. Raise an
-        ArgumentError for outputs that the motion does not allow, or too many instants.
+        """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult. `outputs` are
+        their names; None means the outputs that the scene names, or else the motion of its frames and moving joints.
+        Raise an ArgumentError for outputs that the motion does not allow, or too many instants.
 
         Args:
             outputs: names of outputs. R, S, quat, d, v, omega, a or alpha requests the quantity for all frames of the
@@ -349,7 +350,8 @@ class MechanismScene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
         """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at all if there are fewer;
-        return a MechanismSceneResult. Raise an ArgumentError for outputs that the motion does not allow.
+        return a MechanismSceneResult. `outputs` None means the scene's default outputs. Raise an ArgumentError for
+        outputs that the motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -359,7 +361,8 @@ class MechanismScene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[MechanismSceneResult]:
         """Yield a MechanismSceneResult for each block of 131,072 instants in turn, for scenes that do not fit into
-        memory. Raise an ArgumentError for outputs that the motion does not allow.
+        memory. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion
+        does not allow.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
@@ -376,8 +379,8 @@ class MechanismScene(SampledScene):
     def _evaluate_rows(
         self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
     ) -> MechanismSceneResult:
-        """Return the MechanismSceneResult of outputs at the instants with the indices `rows`. Its `known` motion has
-        derivatives at least up to `min_order`.
+        """Return the MechanismSceneResult of outputs, a tuple of MechanismOutputs, at the instants with the indices
+        `rows`. Its attribute `known`, the motion, has derivatives at least up to `min_order`.
         """
         levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
@@ -498,8 +501,8 @@ class MechanismScene(SampledScene):
         yield from requested
 
     def cross_validate(self, max_instants: int | None = None) -> RobotValidation:
-        """Compare the mechanism's equations with Pinocchio along the motion; return a RobotValidation. Raise a
-        MissingDependencyError if Pinocchio is not installed.
+        """Compare the mechanism's equations with Pinocchio at `max_instants` evenly spread instants of the motion, by
+        default at all; return a RobotValidation. Raise a MissingDependencyError if Pinocchio is not installed.
 
         The motion of all links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared,
         as far as the motion has derivatives.
@@ -518,7 +521,8 @@ class MechanismScene(SampledScene):
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
         """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return a
-        MechanismSceneForces. Raise an ArgumentError if the motion has no accelerations.
+        MechanismSceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if the
+        motion has no accelerations.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default the gravity of the scene.
@@ -550,8 +554,8 @@ class MechanismScene(SampledScene):
         return mechanism_scene_forces(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for readers of the results: on joints outside their limits, kinks, and angles that look
-        like degrees. The whole motion is evaluated for this.
+        """Return a tuple of sentences for readers of the results: on joints outside their limits, kinks, and angles
+        that look like degrees. The whole motion is evaluated for this.
         """
         notes = self.note_collector()
         for part in self.blocks(("q",)):
@@ -566,8 +570,8 @@ class MechanismScene(SampledScene):
 def _needed_quantities(
     outputs: tuple[MechanismOutput, ...],
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return (frame names, frame quantities, force quantities) that outputs need, three tuples. A quaternion needs
-    the attitude S.
+    """Return (frame names, frame quantities, force quantities) that MechanismOutputs need, three tuples of names. A
+    quaternion needs the attitude S.
     """
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
@@ -634,13 +638,15 @@ class MechanismNoteCollector:
                 self._watches.append((order, i, LimitCounter(joint.name + "'" * order, pair, unit)))
 
     def add(self, part: MechanismSceneResult) -> None:
-        """Update the counts of passed limits and kinks with one block of results; the blocks must come in order."""
+        """Update the counts of kinks and of instants outside limits with one block of results, a
+        MechanismSceneResult; the blocks must come in order of time.
+        """
         self._kinks += self._scene.joint_motion.count_kinks(part.first, part.first + len(part.t))
         for order, joint, watch in self._watches:
             watch.add(part.t, part.known.column(order, joint))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all added blocks as a tuple of sentences, followed by the notes of the motion."""
+        """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
         joints, samples = self._scene.mechanism.tree.coordinates, self._scene.samples
         sentences: list[str] = []
         for order, i, watch in self._watches:
@@ -655,17 +661,9 @@ class MechanismNoteCollector:
 
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the MechanismScene that the tables of the scene file at `path` define. Paths in the tables are relative
-    to its folder. Raise a SceneError for tables that define none.
-
-    Args:
-        tables: of the file.
-        path: the file.
-        files: all files that the scene is read from, as absolute paths.
-
-    Raises:
-        SceneError: the file cannot be read as a scene of a mechanism. The message names file, table and key.
-        MissingDependencyError: the mechanism is a robot of example-robot-data, which is not installed.
+    """Return the MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines. Paths in the
+    tables are relative to its folder; `files` are the absolute paths of all files that the scene is read from. Raise
+    a SceneError, whose message names file, table and key, for tables that define none.
     """
     try:
         return _read_scene(tables, path, files)
@@ -676,8 +674,9 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
-    """Return whether the key that a SceneError names is a joint of the robot whose motion is outside the table
-    [motion]. `label` is the error's text `file: table.key`.
+    """Return whether the key that a SceneError names is a joint of the robot that was put outside the table [motion].
+    `label` is the error's text `file: table.key`; `tables` is the scene's top-level Table, and `folder` that of its
+    file.
     """
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
@@ -698,8 +697,9 @@ def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
 
 
 def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
-    """Return the MechanismScene of a file's tables. Raise a SceneError for bad tables, without the hint of
-    `read_mechanism_scene` on joints outside [motion].
+    """Return the MechanismScene that the top-level Table of the scene file at `path` defines; `files` are all files
+    that it is read from. Raise a SceneError for bad tables, without the hint of `read_mechanism_scene` on joints
+    outside [motion].
     """
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
