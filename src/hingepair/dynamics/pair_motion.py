@@ -301,7 +301,7 @@ class PairMotion:
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
         """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps. `quats`
         are the attitudes at the starts of their steps, `side` is (angles, rates) that select the torque branches, and
-        `held` says where the hinge is held.
+        `held` is a boolean array (n,) that says whether the hinge is held.
 
         Args:
             t: instants; shape (n,).

@@ -374,8 +374,8 @@ def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
     """Check the arguments that say how the hinge starts or moves, and return (psi, psi') at the first of the instants
-    t. `hinge` is "free", or a callable that prescribes the motion; psi_0, psid_0 and the torque must then not be
-    given. Raise an ArgumentError if the arguments cannot be used.
+    t. `hinge` is "free", or a callable that prescribes the motion; with a callable, psi_0 and psid_0 must be None and
+    `hinge_torque` 0. Raise an ArgumentError if the arguments cannot be used.
     """
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))

@@ -469,9 +469,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof), for a free base (..., 6
-        + dof): bias_forces in tau = mass_matrix @ qdd + bias_forces. The array `out` is written in place.
-        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof): bias_forces in tau =
+        mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). The array `out` is written in
+        place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
 
         They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau): force on
         the base at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and
