@@ -20,7 +20,8 @@ _NUMPY_AND_PYTHON_TYPES = (np.ndarray, np.generic, float, int, complex, str, byt
 
 
 class Library(NamedTuple):
-    """Array library other than NumPy, with the dtype and the device that its arrays are computed with.
+    """Array library other than NumPy: its `name`, its `namespace` (the module with its functions), and the `dtype`
+    and the `device` that its arrays are computed with.
 
     Attributes:
         name: name of the library.
@@ -35,8 +36,8 @@ class Library(NamedTuple):
     device: Any
 
     def array(self, value: Any) -> ForeignArray:
-        """Return a number or a NumPy array as an array of this library, with its dtype and on its device. Return an
-        array of another library than NumPy as it is.
+        """Return a value, a number or a NumPy array, as an array of this library, with its dtype and on its device.
+        Return an array of another library than NumPy as it is.
         """
         if is_foreign(value):
             return value
@@ -45,8 +46,8 @@ class Library(NamedTuple):
     def join_components(
         self, components: tuple[Any, ...], shape: tuple[int, ...], sample_shape: tuple[int, ...]
     ) -> ForeignArray:
-        """Stack components into one array of this library, of shape (*shape, *sample_shape). Each component is first
-        broadcast to `shape`, the shape of the samples.
+        """Stack a tuple of components into one array of this library, of shape (*shape, *sample_shape). Each
+        component is first broadcast to `shape`, the shape of the samples.
         """
         parts = [self.namespace.broadcast_to(self.array(c), shape) for c in components]
         if not sample_shape:
@@ -73,8 +74,9 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the array library of the arguments, a mapping from name to value, or None if all are NumPy arrays or
-    numbers. Raise ArgumentError for arrays of two libraries, DtypeError for a dtype other than float32 and float64.
+    """Return the Library of the arguments, a mapping from name to value, or None if no value is an array of another
+    library than NumPy. Raise ArgumentError for arrays of two libraries, NumPy among them, and DtypeError for a dtype
+    other than float32 and float64.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -108,7 +110,8 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
 
 def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
     """Return the components of an array of a library other than NumPy as a tuple, those of matrices row by row. A
-    tuple of components is returned with its numbers as floats. Raise ShapeError if the shape or the length is wrong.
+    tuple of components is returned with its numbers as floats. The further arguments are the shape of one sample,
+    such as 3, 3. Raise ShapeError, which names the argument `name`, if the shape or the length is wrong.
     """
     count = math.prod(sample_shape)
     if isinstance(value, tuple):
@@ -122,15 +125,17 @@ def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, 
 
 
 def check_sample_shape(name: str, array: ForeignArray, *sample_shape: int) -> None:
-    """Raise ShapeError unless the last axes of an array have the given shape."""
+    """Raise ShapeError, which names the argument `name`, unless the last axes of an array have the shape that the
+    further arguments give, such as 3, 3.
+    """
     shape = tuple(array.shape)
     if shape[max(0, len(shape) - len(sample_shape)) :] != sample_shape:
         raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {shape}")
 
 
 def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
-    """Return the function named "sine", "cosine", "versine" or "square_root" of an array of another library than
-    NumPy.
+    """Compute a function of each element of `x`, an array of another library than NumPy, and return the results as
+    such an array. `function_name` is "sine", "cosine", "versine" (1 - cos x) or "square_root".
 
     The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
     """
@@ -141,8 +146,8 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return an array with the elements of `then` where a < b and of `otherwise` elsewhere. a or b is an array of a
-    library other than NumPy.
+    """Return an array with the elements of `then` where a < b and of `otherwise` elsewhere. At least one of a and b
+    is an array of a library other than NumPy; the other arguments may be numbers.
     """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 

@@ -26,8 +26,9 @@ _ACCEPTED_DTYPES_MESSAGE = "real numbers (float64, float32 or integers)"
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already.
-    Raise DtypeError for other kinds of number and for tables, ShapeError for lists of unequal length.
+    """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already. Raise
+    DtypeError for other kinds of number, tables and Dask arrays, ShapeError for lists of unequal length; the error
+    names the argument `name`.
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
@@ -53,8 +54,9 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
-    """Return the value as a NumPy array whose last axes have the given shape; raise ShapeError for another shape. Of
-    a data frame, take the columns whose names end in x, y, z.
+    """Return the value as a NumPy array whose last axes have the shape that the further arguments give, such as 3, 3.
+    Raise ShapeError, which names the argument `name`, for another shape. From a data frame, take the columns whose
+    names end in x, y, z (for a quaternion also w).
     """
     if is_table(value) and len(sample_shape) == 1:
         letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
@@ -81,8 +83,10 @@ def columns_by_name(
     optional_names: Collection[str] = (),
     last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a data frame by name, in the order of the first family (a tuple of names) that the table
-    has completely. Raise ArgumentError if no family is complete or a column has another name.
+    """Return the columns of a data frame `table` as a dict of arrays by name. `families` are tuples of column names;
+    the first one that the table has completely is taken, in its order, or else `last_family` if these are all
+    columns. Raise ArgumentError, which names the argument `name`, if there is no such family or a column has a name
+    outside the families and `optional_names`.
 
     No column is copied where the table holds its columns one by one.
 
@@ -109,8 +113,9 @@ def columns_by_name(
 
 
 def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value whose last axes have the given shape. Raise ShapeError for another
-    shape, ArgumentError for numbers that are not finite.
+    """Return a read-only float64 copy of a value whose last axes have the shape that the further arguments give, such
+    as 3, 3. Raise ShapeError for another shape, ArgumentError for numbers that are not finite; the error names the
+    argument `name`.
     """
     array = np.array(vectors(name, value, *sample_shape), dtype=np.float64, order="C")
     if not np.isfinite(array).all():
@@ -119,8 +124,9 @@ def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.floa
 
 
 def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value of exactly the given shape. Raise ShapeError for another shape,
-    ArgumentError for numbers that are not finite.
+    """Return a read-only float64 copy of a value of exactly the shape that the further arguments give, such as 3, 3.
+    Raise ShapeError for another shape, ArgumentError for numbers that are not finite; the error names the argument
+    `name`.
     """
     array = real_array(name, value)
     if array.shape != sample_shape:
@@ -146,8 +152,8 @@ class Frozen:
 
 
 def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
-    """Return an instance of a frozen class with the given attributes, without a call of its constructor. Arrays among
-    the attributes are made read-only in place.
+    """Return an instance of the class `frozen_class` with the given attributes by name, without a call of its
+    constructor. Arrays among the attributes are made read-only in place.
     """
     value: Any = object.__new__(frozen_class)
     for name, attribute in attributes.items():
@@ -163,8 +169,8 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which the shapes of named arguments broadcast. Raise ShapeError that names the first
-    argument that does not fit those before it.
+    """Return the shape to which the shapes of arguments, given by name, broadcast. Raise ShapeError, which names the
+    first argument that does not fit the ones before it.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.
@@ -183,9 +189,10 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
-    """Return the dtype to compute in: float32 if every array is float32, else float64.
+    """Return the dtype to compute in: float32 if there are arrays and every one is float32, else float64.
+    `components` are arrays and numbers; Python numbers do not count.
 
-    Python numbers are weak, as they are in NumPy: they follow the arrays beside them.
+    This is as in NumPy, where Python numbers take the dtype of the arrays that they are combined with.
     """
     dtypes = {c.dtype for c in components if isinstance(c, np.ndarray | np.generic)}
     if dtypes and all(d.kind == "f" and d.itemsize == 4 for d in dtypes):
@@ -220,8 +227,8 @@ def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """Return the part of a component that a block (a tuple of slices) selects, as a contiguous array of a dtype; axes
-    of length 1 are taken whole. A scalar is returned as it is.
+    """Return the part of a component that a block (a tuple of slices, one for each axis of the samples) selects, as a
+    contiguous array of the given dtype. Axes of length 1 are taken as a whole. A scalar is returned as it is.
     """
     if not isinstance(component, np.ndarray):
         return component
@@ -231,7 +238,9 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
 
 
 def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None:
-    """Raise ArgumentError, with a list of the allowed names, unless the value is one of them."""
+    """Raise ArgumentError, which names the argument `name` and lists the allowed names, unless the value is one of
+    them.
+    """
     if not isinstance(value, str) or value not in allowed_names:
         names = tuple(allowed_names)
         near = nearest(value, names) if isinstance(value, str) else ""
@@ -239,8 +248,8 @@ def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return the value as a finite float. Raise ArgumentError for bool, text, arrays and for numbers that are not
-    finite.
+    """Return the value as a finite float. Raise ArgumentError, which names the argument `name`, for bool, text,
+    arrays and numbers that are not finite.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
@@ -254,7 +263,9 @@ def finite_number(name: str, value: object) -> float:
 
 
 def number_not_below_0(name: str, value: object) -> float:
-    """Return the value as a finite float of at least 0; raise ArgumentError for any other value."""
+    """Return the value as a finite float of at least 0. Raise ArgumentError, which names the argument `name`, for any
+    other value.
+    """
     number = finite_number(name, value)
     if number < 0:
         raise ArgumentError(name, "a number not below 0", value)

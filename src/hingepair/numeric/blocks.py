@@ -24,8 +24,8 @@ SAMPLES_PER_BLOCK = 4096
 
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return a tuple of views of the components of vectors (rank 1), or of matrices row by row (rank 2); those are
-    the last axes of the array.
+    """Return a tuple of views of the components of an array whose last axes are vectors (rank 1) or matrices (rank 2,
+    components row by row).
     """
     if rank == 2:
         rows, columns = array.shape[-2:]
@@ -45,11 +45,12 @@ def tabulate(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
-    """Evaluate a function of components for all samples, block by block, and return its results as new arrays by
-    name. `sample_shapes` holds the shape of one sample of each result.
+    """Evaluate a function for all samples, block by block, and return its results as a dict of new arrays by name, of
+    shape (*shape, *sample_shape). `function` takes the components of the inputs by name and returns those of its
+    results by name. `sample_shapes` holds the shape of one sample of each result, `shape` is that of the samples.
 
-    `function` takes and returns components by name. A component of one element reaches it as a number, so that
-    what depends on such alone costs nothing per sample, and a single sample costs no array at all.
+    A component of one element reaches the function as a number, so that what depends on such components alone costs
+    nothing per sample, and a single sample needs no array at all.
     """
     out = {name: np.empty((*shape, *sample_shape), dtype) for name, sample_shape in sample_shapes.items()}
     targets = {name: _output_components(array, len(shape)) for name, array in out.items()}
@@ -66,8 +67,9 @@ def tabulate(
 def tabulate_one(
     function: Callable[[Named], Any], inputs: Named, sample_shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
-    """Evaluate a function of components for all samples and return its only result as a new array, of shape (...,
-    *sample_shape). Raise ShapeError if the inputs do not broadcast.
+    """Evaluate a function for all samples and return its only result as a new array, of shape (..., *sample_shape).
+    `function` takes the components of the inputs by name and returns a component or a tuple of them. Raise ShapeError
+    if the inputs do not broadcast.
 
     Raises:
         ShapeError: the inputs do not broadcast.
@@ -79,8 +81,8 @@ def tabulate_one(
 
 
 def sine(x: Component) -> Component:
-    """Return the sine of a float, a NumPy scalar, an array, or a value with a method `sine` of its own; NaN where x
-    is infinite.
+    """Return the sine of a float or of each element of an array, of NumPy or another library; NaN where x is
+    infinite. For an object with a method `sine`, return the result of this method.
     """
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
@@ -88,8 +90,8 @@ def sine(x: Component) -> Component:
 
 
 def cosine(x: Component) -> Component:
-    """Return the cosine of a float, a NumPy scalar, an array, or a value with a method `cosine` of its own; NaN where
-    x is infinite.
+    """Return the cosine of a float or of each element of an array, of NumPy or another library; NaN where x is
+    infinite. For an object with a method `cosine`, return the result of this method.
     """
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
@@ -107,8 +109,8 @@ def turn_terms(phi1: Component) -> Components:
 
 
 def hinge_terms(psi: Component) -> Components:
-    """Return the tuple (sin psi, 1 - cos psi, cos psi). At small psi 1 - cos psi is computed from the sine, which
-    keeps its digits.
+    """Return the tuple (sin psi, 1 - cos psi, cos psi). For small angles, 1 - cos psi is computed from the sine,
+    which avoids cancellation.
     """
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
@@ -146,8 +148,8 @@ def _holds_array(group: Any) -> bool:
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
-    """Return an array of one element, or a number, as a number of the dtype (a Python float for float64). Return any
-    other array as it is.
+    """Return a component as a number of the dtype (a Python float for float64) if it is a number or an array of one
+    element. Return any other array as it is.
     """
     if isinstance(component, np.ndarray):
         if component.size != 1:
@@ -163,8 +165,9 @@ def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
 
 
 def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
-    """Copy the results of one block of samples into that block of the output arrays. An output is one array, or a
-    tuple of views of its components.
+    """Copy the results of one block of samples into the part of the output arrays that `block`, a tuple of slices,
+    selects. `targets` holds the outputs by name; each is one array, or a tuple of views of its components. Results
+    have the same form.
     """
     for name, target in targets.items():
         result = results[name]

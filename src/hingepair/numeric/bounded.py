@@ -30,8 +30,9 @@ _BOUND_ARITHMETIC_RELATIVE_ERROR = 2.0**16 * UNIT_ROUNDOFF
 
 
 class Bounded:
-    """A computed number with a bound on its distance from the exact one. Sums, products and functions of such numbers
-    carry the bound on.
+    """A computed number `value` with a bound `bound` on its distance from the exact one, at one or many samples.
+    Sums, products and functions of such numbers are such numbers, with the errors of their arguments and of rounding
+    included.
 
     Attributes:
         value: result of one evaluation; that of any other evaluation differs by at most twice the bound.
@@ -52,16 +53,16 @@ class Bounded:
 
     @classmethod
     def rounded(cls, value: Component, bound: Component = 0.0) -> Self:
-        """Return a number of this class from a float64, which is rounded to its precision. The rounding error is
-        added to `bound`, the error bound of the float64.
+        """Return a number of this class from the float64 `value`, rounded to the precision of the class. The rounding
+        error is added to `bound`, the error bound of the float64.
         """
         number = np.asarray(value, cls.dtype).astype(np.float64)
         return cls(number, np.abs(number - value) + bound)
 
     @property
     def error(self) -> Component:
-        """Error bound times a safety factor that covers the rounding of the bound's own arithmetic; infinite where
-        the bound is NaN.
+        """Error bound, as a number or an array: `bound` times a safety factor that covers the rounding of the bound's
+        own arithmetic; infinite where the bound is NaN.
         """
         bound = self.bound * (1 + max(_NUM_ROUNDINGS_IN_SAFETY_FACTOR * self.u, _BOUND_ARITHMETIC_RELATIVE_ERROR))
         return np.where(np.isnan(bound), np.inf, bound)
@@ -114,16 +115,16 @@ class Bounded:
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
     def sine(self) -> Self:
-        """Return the sine and the bound on its error, as a number of this class. The sine itself adds 1.5 units in
-        the last place, and nothing to an exact 0.
+        """Return the sine of this number with a bound on its error, as a number of this class. The evaluation of the
+        sine adds 1.5 units in the last place; the sine of an exact 0 has no error.
         """
         s = np.sin(self.value)
         rounding = self._of_sine(np.abs(s) + 2 * self.bound) + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """Return the cosine and the bound on its error, as a number of this class. The cosine itself adds 1.5 units
-        in the last place, and nothing to that of an exact 0.
+        """Return the cosine of this number with a bound on its error, as a number of this class. The evaluation of
+        the cosine adds 1.5 units in the last place; the cosine of an exact 0 has no error.
         """
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
@@ -135,8 +136,8 @@ class Bounded:
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
-        """Return 1 - cosine and the bound on its error, as a number of this class. The bound holds whether it is
-        computed from the sine or by subtraction.
+        """Return 1 - cosine of this number with a bound on its error, as a number of this class. The bound holds
+        whether 1 - cosine is computed from the sine or by subtraction.
         """
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c

@@ -39,8 +39,9 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ColumnRequest(NamedTuple):
-    """Description of the columns to read from a file: a function that chooses among the names of all columns, one
-    that names the columns of an array with several axes, and the name of a column to read exactly.
+    """Description of the columns to read from a file: `choose`, a function that chooses among the names of all
+    columns; `names_of`, a function that names the columns of an array with several axes; and `exact`, the name of a
+    column to read without conversion to float64.
 
     Attributes:
         choose: takes the names of all columns; returns those to read, in the order of the result, or raises an error.
@@ -56,8 +57,9 @@ class ColumnRequest(NamedTuple):
 
 
 def read_columns(path: Path, request: ColumnRequest) -> Columns:
-    """Read the requested columns of a .csv, .npz or .parquet file; return arrays of one length by name. Empty cells
-    are NaN. Raise ArgumentError for a file that cannot be read, has no rows or is too large.
+    """Read the columns that `request` (a ColumnRequest) chooses from a .csv, .npz or .parquet file; return a dict of
+    arrays of one length by name. Empty cells are NaN. Raise ArgumentError for a file that cannot be read, has no rows
+    or is too large, MissingDependencyError if PyArrow is needed and missing.
 
     Raises:
         ArgumentError: the file cannot be read, or is too large; `name` is where: a column, `line 3`, `line 3: t` or
@@ -94,8 +96,8 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """Return one column of a .csv file, read in the given dtype, such as int64 for numbers that a float would round.
-    Raise ArgumentError if a cell cannot be read in this dtype.
+    """Return one column of a .csv file as an array, read in the given dtype, such as int64 for numbers that a float
+    would round. `name` is the name of the column. Raise ArgumentError if a cell cannot be read in this dtype.
 
     Raises:
         ArgumentError: a cell cannot be read in this dtype.
@@ -109,8 +111,8 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of a CSV file as a dict of arrays by name. The first line of the file has the
-    names; empty cells become NaN. Raise ArgumentError, which names the line, if a line cannot be read.
+    """Return the columns of a CSV file that `request` chooses as a dict of arrays by name. The first line of the file
+    has the names; empty cells become NaN. Raise ArgumentError, which names the line, if a line cannot be read.
     """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
@@ -142,8 +144,8 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _csv_names(stream: IO[str]) -> list[str]:
-    """Read the first line of a CSV file and return the column names in it. Raise ArgumentError for other separators
-    than commas, and for a line of numbers.
+    """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
+    other separators than commas, and for a line of numbers.
     """
     line = stream.readline(_MAX_CSV_HEADING_CHARACTERS)
     if len(line) == _MAX_CSV_HEADING_CHARACTERS:
@@ -159,8 +161,8 @@ def _csv_names(stream: IO[str]) -> list[str]:
 
 
 def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
-    """Return the remaining rows of a CSV file as a 2D array: the columns with the given indices, or all for None.
-    Further options go to `numpy.loadtxt`.
+    """Return the remaining rows of an open CSV file as a 2D array. `columns` are the indices of the columns to read,
+    or None for all. Further keyword arguments go to `numpy.loadtxt`.
     """
     options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
     with warnings.catch_warnings():
@@ -174,7 +176,7 @@ def _number(text: str) -> float:
 
 
 def _is_number(text: str) -> bool:
-    """Return whether `float` can read a text, which is not so of an empty one."""
+    """Return whether `float` can read the text of a cell. The result is False for an empty text."""
     try:
         float(text)
     except ValueError:
@@ -183,8 +185,9 @@ def _is_number(text: str) -> bool:
 
 
 def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:
-    """Raise ArgumentError that names the line and column of the first row with too few or too many fields, or with a
-    cell that is no number. Where there is no such row, the error says the given reason.
+    """Raise ArgumentError that names the line and column of the first row of a CSV file with too few or too many
+    fields, or with a cell that is no number. `names` are all column names, `positions` the indices of the columns
+    that are read. If there is no such row, the message says `reason`.
     """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
@@ -207,8 +210,8 @@ def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str
 
 
 def _read_npz(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of an NPZ file as a dict of arrays by name; an array with several axes is split
-    into a column for each component. Raise ArgumentError for an unusable array.
+    """Return the columns of an NPZ file that `request` chooses as a dict of arrays by name; an array with several
+    axes is split into a column for each component. Raise ArgumentError for an unusable array.
     """
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
@@ -231,8 +234,9 @@ def _read_npz(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
-    """Read and return one array of an NPZ file. Raise ArgumentError if its dtype is not of real numbers (or, if
-    `exact`, of dates and times), its shape is not (N, *sample_shape), or bytes are missing.
+    """Read and return the array `name` from the open member of an NPZ file. Raise ArgumentError if its shape is not
+    (N, *sample_shape), bytes are missing, or its dtype is not of real numbers (dates and times are accepted if
+    `exact`).
     """
     dtype, fortran, shape = _array_header(stream)
     if dtype is None:
@@ -250,8 +254,8 @@ def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exa
 
 
 def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Read the header of an array in an NPZ file: return its dtype (None if it is no array of numbers), whether it
-    is in Fortran order, and its shape.
+    """Read the header of an array from the open member of an NPZ file: return its dtype (None if the header is not
+    that of an array of numbers), whether it is in Fortran order, and its shape.
     """
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
@@ -263,8 +267,8 @@ def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[
 
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
-    """Return the requested columns of a Parquet file as a dict of arrays by name. Raise MissingDependencyError if
-    PyArrow is not installed, ArgumentError for a column that does not hold numbers.
+    """Return the columns of a Parquet file that `request` chooses as a dict of arrays by name. Raise
+    MissingDependencyError if PyArrow is not installed, ArgumentError for a column that does not hold numbers.
     """
     try:
         import pyarrow as pa

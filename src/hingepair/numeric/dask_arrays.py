@@ -31,8 +31,8 @@ _MAX_CACHED_CHUNK_TASKS: Final = 64  # tasks of other processes that a worker ke
 
 
 def holds_dask(*values: Any) -> bool:
-    """Return whether any of the values is or contains a Dask array or data frame, in tuples, mappings, motions or
-    xarray objects too. It takes no time while Dask is not imported.
+    """Return whether any of the arguments is or contains a Dask array or data frame, also in tuples, lists, mappings,
+    motions or xarray objects. While Dask is not imported, return False at once.
     """
     return "dask" in sys.modules and any(map(_contains_dask, values))
 
@@ -51,7 +51,7 @@ def _contains_dask(value: Any) -> bool:
 
 
 def unwrap_lazy_xarray(value: Any) -> Any:
-    """Return the Dask array in an xarray object that holds one, and any other value unchanged."""
+    """Return the Dask array that an xarray object holds, and any other value unchanged."""
     if type(value).__module__.partition(".")[0] == "xarray" and _is_dask_array(getattr(value, "data", None)):
         return value.data
     return value
@@ -75,8 +75,8 @@ class DaskCollection:
     __slots__ = ()
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return (arrays, make_result): the Dask arrays by name, and a function that returns the result with other
-        arrays in their place. The function can be pickled, and holds no Dask array.
+        """Return (arrays, make_result): a dict of the Dask arrays by name, and a function that takes such a dict and
+        returns the result with these arrays instead. The function can be pickled, and holds no Dask array.
         """
         raise NotImplementedError
 
@@ -84,11 +84,8 @@ class DaskCollection:
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
-        """Compute all Dask arrays of this result together and return a result of the same class with NumPy arrays.
-        If the result has no Dask arrays, return the result itself.
-
-        Args:
-            options: keyword arguments that are passed to `dask.compute`.
+        """Compute all Dask arrays of this result together and return a result of the same class with NumPy arrays. If
+        the result has no Dask arrays, return the result itself. Keyword arguments are passed to `dask.compute`.
         """
         if not self._dask_arrays():
             return self
@@ -143,7 +140,10 @@ class DaskCollection:
 def _make_computed_result(
     blocks_by_array: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], make_result: Callable[..., Any]
 ) -> Any:
-    """Return the result of a collection that was computed: join the blocks of each array, and call `make_result`."""
+    """Return the result of a collection that was computed: join the blocks of each array by its entry in
+    `finalizers`, a pair (function, further arguments), and call `make_result` with a dict of the joined arrays by
+    `names`.
+    """
     parts = zip(blocks_by_array, finalizers, strict=True)
     arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
     return make_result(dict(zip(names, arrays, strict=True)))
@@ -156,8 +156,9 @@ def _make_persisted_result(
     make_result: Callable[..., Any],
     **options: Any,
 ) -> Any:
-    """Return the result of a collection that was persisted: make Dask arrays of the computed blocks in `graph`, and
-    call `make_result`.
+    """Return the result of a collection that was persisted: make Dask arrays of the computed blocks in the mapping
+    `graph`, and call `make_result` with a dict of them by `names`. `rebuilders` holds (keys, function, arguments) for
+    each array; keyword arguments are passed to its function.
     """
     from dask.core import flatten
 
@@ -202,8 +203,10 @@ def apply_to_chunks(
     template_function: Callable[..., Any] | None = None,
     first_index_name: str | None = None,
 ) -> Returned:
-    """Return the result of a method for arguments with Dask arrays, as the method returns it but with lazy Dask
-    arrays: one task computes each chunk, when Dask is asked for it.
+    """Return the result of `method` for `arguments` by name, some of which hold Dask arrays, with lazy Dask arrays in
+    it: one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of one sample by
+    argument; arguments without an entry are options. The method is called here with one made-up sample; raise its
+    ArgumentError, or one for an `out` that is not None.
 
     The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
     cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
@@ -259,8 +262,9 @@ def _replace_arrays(
     chunked_arguments: list[_ChunkedArgument],
     column_names_of: Callable[[str, Any], Sequence[str]] | None,
 ) -> Any:
-    """Return the template of an argument: with an `_ArrayIndex` in place of each array that has chunks; append these
-    arrays, as Dask arrays, to `chunked_arguments`.
+    """Return the template of an argument: its value with an `_ArrayIndex` in place of each array that has chunks.
+    Append these arrays, as Dask arrays, to the list `chunked_arguments` in place. `name` names the argument in
+    messages; `column_names_of` chooses the columns of a table. Raise ArgumentError for an unusable array.
     """
     value = unwrap_lazy_xarray(value)
     if isinstance(value, Frozen):
@@ -298,7 +302,9 @@ def _replace_arrays(
 
 
 def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
-    """Return a Dask array rechunked so that no sample is divided; refuse other shapes of samples and other dtypes."""
+    """Return a Dask array rechunked so that no sample, whose shape is `sample_shape`, is divided. Raise ShapeError
+    for other shapes of samples and DtypeError for other dtypes; the error names the argument `name`.
+    """
     num_axes = array.ndim - len(sample_shape)
     if num_axes < 0 or tuple(array.shape[num_axes:]) != sample_shape:
         expected = f"shape (..., {', '.join(map(str, sample_shape))})" if sample_shape else "shape (...)"
@@ -316,7 +322,7 @@ def _placeholder_sample(argument: _ChunkedArgument) -> NDArray[Any]:
 
 
 def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
-    """Return the argument of a template: with the arrays in place of their indices."""
+    """Return an argument made of its template, with the elements of `arrays` in place of their indices."""
     if isinstance(template, _ArrayIndex):
         return arrays[template.value]
     if isinstance(template, _ObjectTemplate):
@@ -331,7 +337,9 @@ def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
 
 
 def _arrays_by_name(result: Any) -> dict[str, Any]:
-    """Return the arrays of a result by name; of a result that is one array, under the name ""."""
+    """Return the arrays of a result (an object, named tuple or mapping) as a dict by name. If the result is one
+    array, its name is "".
+    """
     if hasattr(result, "arrays"):
         arrays: dict[str, Any] = result.arrays()
         return arrays
@@ -344,7 +352,9 @@ def _arrays_by_name(result: Any) -> dict[str, Any]:
 
 
 def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> Any:
-    """Return a result of the same class with other arrays by name; `shape` is the leading shape of the samples."""
+    """Return a copy of a result with the given arrays by name in place of its own; `shape` is the leading shape of
+    the samples. The result of one array is replaced by the array named "".
+    """
     if hasattr(result, "arrays"):
         return type(result)(arrays, shape)
     if isinstance(result, tuple | Frozen):
@@ -354,7 +364,9 @@ def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> 
 
 @dataclass(eq=False)
 class ChunkTask:
-    """Callable that computes the result arrays of one chunk; a process that gets it as bytes unpickles it once.
+    """Callable that computes the result arrays of one chunk by a call of `method` with the arguments of `templates`,
+    filled with the blocks of the chunk, and with `options`. It is pickled at most once, and a process that gets it as
+    bytes unpickles it once.
 
     Attributes:
         method: a function of the arguments and options by name.
@@ -417,7 +429,9 @@ def load_chunk_task(pickled: bytes) -> ChunkTask:
 
 
 def _unwrap_block(nested_block: Any) -> NDArray[Any]:
-    """Return the only array in nested lists, as Dask passes blocks of arrays with axes that the results lack."""
+    """Return the only array in nested lists. Dask passes blocks of arrays like this if they have axes the results
+    lack.
+    """
     while isinstance(nested_block, list):
         (nested_block,) = nested_block
     return np.asarray(nested_block)
@@ -426,8 +440,9 @@ def _unwrap_block(nested_block: Any) -> NDArray[Any]:
 def _make_lazy_arrays(
     task: ChunkTask, chunked_arguments: Sequence[_ChunkedArgument], num_axes: int, result_samples: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return by name the lazy arrays that a task computes chunk by chunk; `result_samples` are results of one sample,
-    which show shapes and dtypes.
+    """Return a dict by name of the lazy Dask arrays that a ChunkTask computes chunk by chunk. `result_samples` are
+    results of one sample by name, which show shapes and dtypes; `num_axes` is the number of axes of the samples.
+    Nothing is computed.
     """
     from dask.array import blockwise
     from dask.array.core import unify_chunks

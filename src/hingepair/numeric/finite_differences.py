@@ -31,8 +31,9 @@ _MIN_MILLISECOND_STAMP = 1e11  # whole numbers from here on, 3,000 years, are st
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Return instants as float64. Raise ShapeError or ArgumentError unless they are finite, increase, and number at
-    least order + 1, as finite differences of this order need; also for integers that may be milliseconds.
+    """Return instants t as a float64 array (N,). Raise ShapeError unless there are at least order + 1 of them, as
+    finite differences of this order need, ArgumentError unless they are finite and increase, and for integers that
+    may be milliseconds. The error names the argument `name`.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.
@@ -59,8 +60,9 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
-    """Yield finite-difference stencils block by block: which samples, the indices of their neighbours, and the
-    neighbours' weights in the first and in the second derivative. The instants t come from `check_instants`.
+    """Yield finite-difference stencils block by block, tuples (rows, neighbours, first weights, second weights): the
+    slice of the samples, the indices of their neighbours, and the neighbours' weights in the first and in the second
+    derivative. t are the instants, `order` is that of the error.
     """
     half, wide = order // 2, min(order + 5, t.size)
     for start in range(half, t.size - half, _STENCILS_PER_BLOCK):
@@ -72,8 +74,9 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return a stencil: the given rows and neighbours, and the neighbours' weights in the first and second
-    derivative, (rows, neighbours) each. More than accuracy_order + 1 neighbours are fitted by least squares.
+    """Return a stencil (rows, neighbours, first weights, second weights): the given slice of samples and the indices
+    of their neighbours, and the neighbours' weights in the first and second derivative, (samples, neighbours) each.
+    More than accuracy_order + 1 neighbours are fitted by least squares.
     """
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
@@ -83,8 +86,8 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
 
 
 def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the weights of values at distinct nodes x, of shape (..., m), in the first and in the second derivative
-    at 0 of the polynomial through them.
+    """Return two arrays (..., m): the weights of values at distinct nodes x (..., m) in the first and in the second
+    derivative at 0 of the polynomial through them.
     """
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])
@@ -104,15 +107,10 @@ def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """Return the weights of values in the first and in the second derivative at 0 of the polynomial that fits them by
-    least squares.
+    """Return two arrays (rows, m): the weights of values at nodes x (rows, m) in the first and in the second
+    derivative at 0 of the polynomial of the given degree that fits them by least squares.
 
-    Args:
-        x: increasing nodes at which the values are given; shape (rows, m).
-        degree: of the polynomials.
-
-    Returns:
-        The weights of the values in the first and in the second derivative; shape (rows, m) each.
+    The nodes of a row increase.
     """
     from numpy.polynomial.legendre import legder, legval, legvander
 
@@ -128,8 +126,8 @@ def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, 
 
 
 def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
-    """Return the first and the second derivative of samples at instants t, two arrays of shape (N,). The error is of
-    the given (even) order in the step.
+    """Return the first and the second derivative of the samples `values` (N,) at instants t, two arrays (N,). The
+    error is of the given (even) order in the time step.
 
     Args:
         t: instants as `check_instants` returns them; shape (N,) s.
@@ -157,9 +155,9 @@ _SAMPLES_PER_NOISE_FIT = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
 def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
-    """Fit a polynomial of degree 5 to each window of seven neighbouring samples and return the residuals of all
-    windows, scaled to the standard deviation of one sample's noise. `difference` subtracts samples, such as
-    rotations.
+    """Fit a polynomial of degree 5 to each window of seven neighbouring samples `values` (N, k) and return the
+    residuals of all windows, an array (N - 6, k), scaled to the standard deviation of one sample's noise. The
+    function `difference` subtracts samples, such as rotations; by default they are subtracted as numbers.
 
     Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
     where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.

@@ -29,8 +29,8 @@ class MeasurementWarning(UserWarning):
 
 
 def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
-    """Issue a MeasurementWarning for each sentence. By default, it shows the line of code that called the caller of
-    this function.
+    """Issue a MeasurementWarning for each sentence. By default, the warning shows the line of code that called the
+    caller of this function; `stacklevel` is that of `warnings.warn`.
     """
     for sentence in sentences:
         warnings.warn(sentence, MeasurementWarning, stacklevel=stacklevel)
@@ -38,7 +38,8 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
 
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
-    or by default the first of t. Raise an error for no instants, instants that are not finite, and integers whose
+    or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
+    Raise an error, which names the argument `name`, for no instants, instants that are not finite, and integers whose
     unit is in doubt.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
@@ -81,8 +82,8 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
 
 
 def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Return (seconds, first): the float64 seconds since the first instant, and the first instant with its own type.
-    Raise ArgumentError unless the instants increase strictly.
+    """Return (seconds, first): the float64 seconds since the first of the instants t, and this instant with its own
+    type. Raise ArgumentError, which names the argument `name`, unless the instants increase strictly.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
@@ -99,9 +100,9 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
-    """Return increasing instants as float64 seconds: floats as they are, clock stamps (datetime64, integer
-    nanoseconds since 1970) counted from the first. Raise an error unless they increase and there are more than
-    `order`.
+    """Return the instants t as an array of float64 seconds: floats as they are, clock stamps (datetime64, integer
+    nanoseconds since 1970) counted from the first. Raise an error, which names the argument `name`, unless they
+    increase and there are more than `order`.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.
@@ -126,8 +127,8 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
-    """Return a list with one sentence if the time steps of a recording are irregular, which makes derivatives
-    inaccurate; an empty list otherwise.
+    """Return a list with one sentence, which begins with `name`, if the steps between the instants `seconds` of a
+    recording are irregular, which makes derivatives inaccurate; an empty list otherwise.
     """
     steps = np.diff(seconds)
     if steps.size < 8:
@@ -140,8 +141,8 @@ def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
 
 
 def checked_gaps(gaps: object) -> float:
-    """Return the argument `gaps`, the longest time between samples that is no gap [s], as a float. Raise
-    ArgumentError unless it is positive.
+    """Return the argument `gaps`, the longest time between samples that does not count as a gap [s], as a float.
+    Raise ArgumentError unless it is a positive number.
 
     Raises:
         ArgumentError: not a positive number.
@@ -155,10 +156,9 @@ def checked_gaps(gaps: object) -> float:
 def split_at_gaps(
     t: Float64Array, is_known: NDArray[np.bool_], gaps: float, min_samples: int = 1
 ) -> list[NDArray[np.intp]]:
-    """Return the indices of the known samples as a list of arrays, cut where neighbours are more than `gaps` [s]
-    apart. Arrays of fewer than `min_samples` are left out.
-
-    A gap is where known samples are further apart than `gaps` [s], and than one and a half of the usual step.
+    """Return the indices of the samples for which `is_known` is True as a list of arrays, cut where neighbours are
+    more than `gaps` [s] and more than 1.5 median time steps apart. Arrays of fewer than `min_samples` are left out. t
+    are the instants of all samples.
     """
     there = np.flatnonzero(is_known)
     if not there.size:

@@ -31,8 +31,8 @@ _SUSPECTED_TIME_UNITS = (
 
 
 def instant_suspicions(name: str, t: Float64Array) -> list[str]:
-    """Return a list with one sentence if instants are probably not in seconds, judged by the median time step; an
-    empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if instants t are probably not in seconds, judged
+    by the median time step; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the instants, such as "t" or "log.csv: t".
@@ -56,8 +56,8 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
 
 
 def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
-    """Return a list with one sentence if a hinge angle, or another angle, is probably in degrees and not in
-    radians, judged by its span; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if a hinge angle, or another angle, is probably
+    in degrees and not in radians, judged by its span; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the angle, such as "psi".
@@ -81,8 +81,8 @@ def _finite_norms(vectors: Float64Array) -> Float64Array:
 
 
 def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
-    """Return a list with one sentence if the readings of a gyroscope are probably in degrees a second and not in
-    rad/s, judged by the largest; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if the readings `omega` (N, 3) of a gyroscope are
+    probably in degrees a second and not in rad/s, judged by the largest; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "omega1_b1".
@@ -99,8 +99,8 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
 
 
 def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
-    """Return a list with one sentence if the readings of an accelerometer are probably multiples of g and not in
-    m/s^2, judged by their median size; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if the readings `force` (N, 3) of an
+    accelerometer are probably multiples of g and not in m/s^2, judged by their median size; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "f1_b1".
@@ -118,8 +118,8 @@ def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
 
 
 def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
-    """Return a list with one sentence if distances between the bodies of a pair are probably in millimetres and
-    not in metres, judged by their median; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if distances between the bodies of a pair are
+    probably in millimetres and not in metres, judged by their median; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the distance, such as "R2 - R1".
@@ -136,8 +136,8 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
 
 
 def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -> list[str]:
-    """Return a list with one sentence if angles that a person has written (angular velocities if `rates`) are
-    probably in degrees, judged by round numbers; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if values that a person has written, angles or
+    (if `rates`) angular velocities, are probably in degrees, judged by round numbers; an empty list otherwise.
 
     Degrees are written in whole fives, and angular velocities in parts of a turn; radians hardly ever are.
 
@@ -160,8 +160,9 @@ def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -
 
 
 def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: float) -> list[str]:
-    """Return a list with one sentence if the inertia of a body is probably not in kg m^2, judged by its radius of
-    gyration compared with a lever of the body; an empty list otherwise.
+    """Return a list with one sentence, which calls the data `name`, if the inertia of a body is probably not in kg
+    m^2, judged by its radius of gyration for the given mass compared with `lever`, a length on the body [m]; an empty
+    list otherwise.
 
     Args:
         name: what the caller's messages call the inertia, such as "body2.inertia".

@@ -12,8 +12,8 @@ _MIN_FULL_DIGITS_INSTANT = 1e5  # [s]: from here on, six digits do not tell inst
 
 
 def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
-    """Return the rows of a table as lines of text, cells padded to the width of their column. Cells of the columns
-    with the given indices are set to the right.
+    """Return the rows of a table as lines of text, with cells padded to the width of their column. `lines` are the
+    rows, sequences of cells; cells of the columns with the indices `right_columns` are set to the right.
 
     >>> align_columns([("name", "size"), ("d", "1.25")], {1})
     ['name  size', 'd     1.25']
@@ -29,8 +29,9 @@ def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]
 
 
 def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int | None = None) -> list[str]:
-    r"""Return a table as lines of text with a rule below its heading. Columns that do not fit into `width` characters
-    follow in further tables, which repeat the first `key_columns` columns.
+    r"""Return a table as a list of lines of text with a rule below its heading. `lines` are the heading and the rows,
+    sequences of cells. Columns that do not fit into `width` characters follow in further tables, which repeat the
+    first `key_columns` columns.
 
     No cell is cut.
 
@@ -70,8 +71,8 @@ def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int
 
 
 def left_out_remark(skipped: int, samples: int) -> str:
-    """Return a remark in brackets, to follow a verdict, that says how many samples were left out because they are not
-    finite; an empty text if none were.
+    """Return a remark in brackets, to follow a verdict, that says how many samples (`skipped` of `samples`) were left
+    out because they are not finite; an empty text if none were.
 
     >>> left_out_remark(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
@@ -111,8 +112,8 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
-    """Return a copy of nested mappings and lists with None in place of each float that is not finite, which JSON
-    cannot represent.
+    """Return a copy of a value made of nested mappings and lists, with None in place of each float that is not
+    finite, which JSON cannot represent.
     """
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
@@ -139,7 +140,8 @@ _MAX_NUMBERS_PER_CELL = 9  # of a cell; of more only the count or the shape is s
 
 
 class Sheet(NamedTuple):
-    """A table of texts: a title, rows of which the first is the heading, and notes.
+    """A table of texts: a `title`, `rows` of cells of which the first is the heading, and `notes`, sentences below
+    the table.
 
     Attributes:
         title: title of the table.
@@ -161,7 +163,7 @@ class Shown:
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return the table as HTML, which notebooks show."""
+        """Return the table of this object as HTML text, which notebooks show."""
         from html import escape
 
         title, (heading, *rows), notes = self._sheet()
@@ -182,8 +184,8 @@ def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str]
 
 
 def cell_text(value: Any) -> str:
-    """Return a text, a number or an array as a short text for a cell of a table. Of more than nine numbers only the
-    count or the shape is given.
+    """Return a value, which is a text, a number, an array or a sequence of numbers, as a short text for a cell of a
+    table. Of more than nine numbers only the count or the shape is given.
 
     >>> cell_text((0.5, 0, 1 / 3)), cell_text("a"), cell_text(range(10))
     ('0.5, 0, 0.333333', 'a', '10 numbers')
@@ -202,7 +204,8 @@ def cell_text(value: Any) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of an output, or of one of its components, as text; "1" if it has none.
+    """Return the unit of the output with this name (such as omega2), or of one of its components (R2_x), as text; "1"
+    if it has none.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')

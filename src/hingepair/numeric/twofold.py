@@ -51,7 +51,9 @@ def pair_product(a: HighLow, b: HighLow) -> HighLow:
 
 
 def pair_quotient(a: HighLow, divisor: Component) -> HighLow:
-    """Return the quotient of a number of twice the precision, given as (high, low), and a double, as (high, low)."""
+    """Return the quotient a / divisor of a number of twice the precision, given as (high, low), and a double, as
+    (high, low).
+    """
     quotient = a[0] / divisor
     high, lost = exact_product(quotient, divisor)
     return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
@@ -64,15 +66,17 @@ def normal(high: Component, low: Component) -> HighLow:
 
 
 def exact_sum(a: Component, b: Component) -> HighLow:
-    """Return the exact sum of two doubles as (high, low), by Knuth's algorithm."""
+    """Return the exact sum of two doubles as (high, low), the rounded sum and its rounding error, by Knuth's
+    algorithm.
+    """
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
 def exact_product(a: Component, b: Component) -> HighLow:
-    """Return the exact product of two doubles as (high, low), by Dekker's algorithm with Veltkamp's split into halves
-    of 26 bits.
+    """Return the exact product of two doubles as (high, low), the rounded product and its rounding error, by Dekker's
+    algorithm with Veltkamp's split into halves of 26 bits.
     """
     high = a * b
     carried = 134217729.0 * a

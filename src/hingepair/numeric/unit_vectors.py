@@ -24,8 +24,8 @@ _UNSCALED_SIZE_RANGE: Final = (
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axis n at unit length as a float64 array, each component rounded once; shape (..., 3). Raise
-    AxisError if n is zero or not finite.
+    """Return the axes n at unit length as a float64 array (..., 3), each component rounded once. Raise AxisError,
+    which names the argument `name`, if an axis is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -35,7 +35,8 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axis n as an array of shape (..., 3), of any length. Raise AxisError if n is zero or not finite.
+    """Return the axes n as an array of shape (..., 3), not normalised. Raise AxisError, which names the argument
+    `name`, if an axis is zero or not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -54,8 +55,8 @@ def direction(v: Components) -> Components:
 
 
 def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
-    """Return the direction and the length of a vector, both in twice the precision of a double (`Twofold`). The
-    direction of zero is zero.
+    """Return (direction, length) of a vector, given as a tuple of components: the three components of the direction
+    and the length, each in twice the precision of a double (`Twofold`). The direction of zero is zero.
     """
     w, exponent = scaled_by_power_of_two(v)
     total: Component = 0.0
@@ -79,8 +80,8 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
 
 
 def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
-    """Return the vector divided by a power of two so that its largest component is about one, and the exponent of
-    that power. No digit is lost.
+    """Return (vector, exponent): the vector v, a tuple of components, divided by 2^exponent so that its largest
+    component is about one, and the exponent. No digit is lost.
     """
     if all(type(component) is float for component in v):
         size = max(map(abs, v))

@@ -18,9 +18,9 @@ from hingepair.errors import ArgumentError
 def whole_file(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()
 ) -> Iterator[IO[bytes]]:
-    """Open a binary file to write to, as a context manager; it replaces the target only when the block ends without
-    an error (a device or pipe is written to directly). Raise ArgumentError if the target cannot be written, or is
-    an input file.
+    """Open a temporary binary file to write to, as a context manager that yields it; it replaces the file `target`
+    only when the block ends without an error. A device or pipe is written to directly. Raise ArgumentError if the
+    target cannot be written, or is one of the files `input_paths`.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
     that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
@@ -56,8 +56,10 @@ def whole_file(
 
 @contextlib.contextmanager
 def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield a temporary file in the target's folder, and replace the target by it when the block ends without an
-    error. The replacement keeps the mode and the owner that `status` (None for no file) says.
+    """Yield, as a context manager, a temporary file in the folder of `target`, and replace the target by it when the
+    block ends without an error; delete it otherwise. The replacement keeps the mode and, if possible, the owner in
+    `status`, the status of the old file (None if there is none). Raise PermissionError if the old file is not
+    writable.
     """
     if status is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied")
@@ -78,8 +80,8 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
 
 
 def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
-    """Return the status of the file at the path, or of the file that a symlink there leads to; None if there is none.
-    Raise OSError if the path cannot be read.
+    """Return the `os.stat_result` of the file at the path, or of the file that a symlink there leads to; None if
+    there is none. Raise OSError if the path cannot be read.
     """
     try:
         return Path(path).stat()
@@ -90,7 +92,7 @@ def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
 
 
 def _is_standard_output(status: os.stat_result) -> bool:
-    """Return whether the status of a file is that of the standard output of this process."""
+    """Return whether `status`, the `os.stat_result` of a file, is that of the standard output of this process."""
     try:
         return os.path.samestat(status, os.fstat(sys.stdout.fileno()))
     except (OSError, ValueError, AttributeError):  # closed, or a caller's

@@ -14,10 +14,10 @@ _MIN_WRAP_JUMP_TURNS = 0.75
 
 def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
     """Return whether samples of an angle were reduced to one turn, such as [-pi, pi): all lie within one turn, and
-    some neighbours differ by nearly a whole turn.
+    some neighbours differ by nearly a whole turn. `turn` is one turn in the unit of the angles.
 
-    They are where all of them lie within one turn and some neighbours differ by nearly a whole one. An angle that
-    truly changes by more than half a turn from sample to sample soon leaves the turn, and is not called wrapped.
+    An angle that truly changes by more than half a turn from sample to sample soon leaves the turn, and is not called
+    wrapped.
 
     Args:
         angles: samples of one angle along time; shape (N,). NaN is stepped over.
@@ -35,8 +35,8 @@ def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
 
 
 def unwrap_if_wrapped(angles: Float64Array) -> Float64Array:
-    """Return samples of an angle [rad] without jumps by 2 pi if `is_wrapped` finds that they were reduced to one
-    turn. Otherwise return the array itself.
+    """Return samples of an angle [rad] without jumps by 2 pi, as a new array, if `is_wrapped` finds that they were
+    reduced to one turn. Otherwise return the array itself.
 
     Args:
         angles: shape (N,) rad. NaN is stepped over.

@@ -60,8 +60,9 @@ def angular_velocity(
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
     def omega_and_defect(values: Named) -> Named:
-        """Return a dict of "omega", the components of the angular velocity, and, if `with_defect`, "defect", the
-        largest element of the symmetric part of S' S^T.
+        """Return a dict of "omega", the components of the angular velocity, and, if a defect is asked for, "defect",
+        the largest absolute element of the symmetric part of S' S^T. `values` holds S and S_dot by name as
+        components.
         """
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         results: Named = {"omega": eq.unskew(W)}
@@ -85,9 +86,10 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity omega (..., N, 3), in world axes, at each of N samples of a rotation, by
-    finite differences with an error of order `order` (E3). With `with_alpha`, return (omega, alpha) with the angular
-    acceleration. Raise ArgumentError if the rotation changes by pi or more between samples that are used together.
+    """Return the angular velocity omega (..., N, 3), in world axes, at each of N samples S (..., N, 3, 3) of a
+    rotation matrix at instants t, by finite differences with an error of order `order` (E3). With `with_alpha`,
+    return (omega, alpha) with the angular acceleration. Raise ArgumentError if the rotation changes by pi or more
+    between samples that are used together.
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i
     theta is 0, so that omega = theta' and alpha = theta'' exactly. These derivatives are those of the polynomial of
@@ -141,8 +143,9 @@ def angular_velocity_from_samples(
 
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return a list of the first `count` time derivatives at each sample: [omega], or [omega, alpha] if `count` is
-    2. Raise ArgumentError where neighbouring samples turn by pi or more.
+    """Return a list of the first `count` time derivatives at each of the samples S at instants t: [omega], or [omega,
+    alpha] if `count` is 2. `order` is that of the error of the finite differences. Raise ArgumentError where samples
+    that are used together differ by a turn of pi or more.
     """
     turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
@@ -167,8 +170,8 @@ def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
 
 
 def _turned_angles(S: Float64Array) -> Float64Array:
-    """Return for each sample the sum of the angles of all steps before it [rad], (..., N). Steps that are NaN
-    count as 0.
+    """Return for each of the samples S (..., N, 3, 3) the sum of the angles of all steps before it [rad], (..., N).
+    Steps that are NaN count as 0.
     """
     angles = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
@@ -178,8 +181,8 @@ def _turned_angles(S: Float64Array) -> Float64Array:
 
 
 def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
-    """Raise ArgumentError where the angle from a sample to its farthest neighbour used is pi or more, since its
-    rotation vector is ambiguous then. `sample_indices` are the samples' numbers for the message.
+    """Raise ArgumentError if an angle is pi or more. `angles` are those from each sample to its farthest neighbour
+    used, whose rotation vector is ambiguous then; `sample_indices` are the indices of the samples, for the message.
     """
     bad = np.argwhere(angles >= np.pi)
     if bad.size:

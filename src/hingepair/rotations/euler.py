@@ -33,7 +33,7 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
     """Return the limit of abs(cos phi_y), or of abs(sin phi_y) for proper sequences such as XYX, below which angles
-    are taken to be at gimbal lock. It depends on the dtype of the array.
+    are taken to be at gimbal lock. Only the dtype of the argument `array` matters.
 
     Below it, the rounding of the angles, or of the matrix, leaves fewer than four correct digits of the rates.
     """
@@ -41,8 +41,9 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of Euler angles in one of 24 sequences (E10), with an error of at most
-    6 u (u = 2^-53) in every component. Raise ArgumentError for unusable angles or an unknown sequence.
+    """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
+    "XYZ" (E10), with an error of at most 6 u (u = 2^-53) in every component. Raise ArgumentError for unusable angles
+    or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -73,8 +74,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles (..., 3) of rotation matrices in one of 24 sequences (E10). With `with_lock`, return
-    (angles, locked), where locked is True at gimbal lock. Raise RotationError where S is not a rotation.
+    """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (E10). With
+    `with_lock`, return (angles, locked), where locked is True at gimbal lock. Raise RotationError where S is not a
+    rotation.
 
     The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
     [0, pi]. The other two angles lie in [-pi, pi].
@@ -109,8 +111,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles_and_lock(values: Named) -> Named:
-        """Return a dict of "phi", the Euler angles of S, and "lock", the sine or cosine of the middle angle that
-        is 0 at gimbal lock.
+        """Return a dict of "phi", the Euler angles of S, and "lock", the sine or cosine of the middle angle that is 0
+        at gimbal lock. `values` holds S by name as components.
         """
         S_entries = values["S"]
         canonical = nine(S_entries[3 * i + j] for i in back for j in back)
@@ -126,8 +128,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences (E4). The
-    angular velocity omega is in world axes.
+    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences such as "XYZ"
+    (E4). The angular velocity omega is in world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -150,10 +152,9 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
-    """Return an array (..., 3, 3) of the matrices that `matrix_of_trig` computes for Euler angles phi. Its arguments
-    are the sequence, and the sines and cosines of the three canonical angles.
-
-    Its arguments are the sequence, and (sin, cos) of the three canonical angles.
+    """Return an array (..., 3, 3) of the matrices that the function `matrix_of_trig` computes for Euler angles phi.
+    It is called with the Sequence and with a tuple of (sin, cos) of the three canonical angles. `sequence` is the
+    name of the sequence.
     """
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
@@ -164,8 +165,9 @@ def _matrices_of_angles(
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Return the Euler-angle rates phi' = J^-1 omega (..., 3) [rad/s] (E4). At gimbal lock, raise GimbalLockError, or
-    return least-squares rates if `at_lock` is "least_squares".
+    """Return the Euler-angle rates phi' = J^-1 omega (..., 3) [rad/s] for Euler angles phi and an angular velocity
+    omega in world axes (E4). At gimbal lock, raise GimbalLockError, or return least-squares rates if `at_lock` is
+    "least_squares".
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -215,8 +217,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates J^-1 omega of the three canonical angles of a sequence (E4). `trig` holds the sines and
-    cosines of these angles. The rates are not finite at gimbal lock.
+    """Return the rates of the three canonical angles of a Sequence for the angular velocity `omega` (E4). `trig` is a
+    tuple of (sin, cos) of the canonical angles, one after the other. The rates are not finite at gimbal lock.
     """
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
@@ -228,8 +230,8 @@ def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector
 
 
 def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Return the three canonical angles [rad] of a rotation S, given as nine entries: those of S = Sx Sy Sz, or of S
-    = Sx Sy Sx for proper sequences.
+    """Return the three canonical angles [rad] of a rotation S, given as nine entries in canonical axes: those of S =
+    Sx Sy Sz, or of S = Sx Sy Sx if the Sequence is proper.
 
     The second and third angle are read after the first has been turned back out of S.
 
@@ -247,8 +249,8 @@ def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """The matrices J, J^-1 and J' of omega = J phi' for Euler angles phi (E4), the condition number of J, and the
-    angular distance from gimbal lock.
+    """The matrices J, J_inverse and J_dot (J', or None) of omega = J phi' for Euler angles phi (E4), the condition
+    number `condition` of J, and the angle `lock_distance` from gimbal lock.
 
     With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
 
@@ -269,8 +271,8 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the `EulerKinematics` of Euler angles phi (E4): J, J^-1, the condition number of J and the distance from
-    gimbal lock. If the rates phid are given, J' is included.
+    """Return the `EulerKinematics` of Euler angles phi (E4), a record of J, J^-1, the condition number of J and the
+    distance from gimbal lock. If the rates phid are given, J' is included. `sequence` is one of 24 such as "XYZ".
 
     J is the matrix of omega = J phi', with the angular velocity omega in world axes. Its columns are the axes of the
     three rotations. The second axis is perpendicular to the first and the third. If g is the cosine of the angle
@@ -314,8 +316,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return a dict of J, J^-1, the condition number and the distance from gimbal lock [rad], and of J' if
-        there are rates. J^-1 is NaN at gimbal lock.
+        """Return a dict of J, J_inverse, condition, lock_distance [rad], and of J_dot if `values`, the components by
+        name, hold phid beside phi. J_inverse is NaN at gimbal lock.
         """
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)

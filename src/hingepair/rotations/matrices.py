@@ -45,8 +45,8 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return the vectors w (..., 3) of cross-product matrices [w]x. Raise ArgumentError where a matrix is not
-    antisymmetric.
+    """Return the vectors w (..., 3) of cross-product matrices W = [w]x (..., 3, 3). Raise ArgumentError where a
+    matrix is not antisymmetric.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).
@@ -102,7 +102,8 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors, which are axis times angle [rad] (E6).
+    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3), which are axis times angle
+    [rad] (E6).
 
     The error of every component is at most 6 u, where u = 2^-53, for angles up to 1e15.
 
@@ -125,7 +126,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 
     def rotation(values: Named) -> tuple[Any, ...]:
         """Return the nine entries of the rotation matrix of a rotation vector (E6), corrected for the rounding of
-        axis and angle.
+        axis and angle. `values` holds rotvec by name as components.
         """
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
@@ -142,8 +143,9 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
-    """Return nine entries to add to the rotation matrix (E6): the part that was lost by rounding the axis n and
-    `trig` = (sin, 1 - cos). `twofold_axis` and `trig_low` hold the low-order parts of both.
+    """Return nine entries to add to the rotation matrix that was computed from the rounded axis n and `trig` = (sin,
+    1 - cos) (E6). The entries are what that rounding lost: `twofold_axis` holds the axis in twice the precision,
+    `trig_low` the low-order parts of `trig`.
     """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
@@ -184,8 +186,8 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors (..., 3) [rad] of matrices (..., 3, 3). Whether the matrices are rotations is
-    not checked.
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices S (..., 3, 3). It is not checked that S holds
+    rotations.
     """
     quat = _scaled_quaternion(S)
     vector = quat[..., 1:]
@@ -207,8 +209,8 @@ def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (w, x, y, z) of rotation matrices, shape (..., 4), with w >= 0. Each has a length between 2
-    and 4, not 1.
+    """Return quaternions (w, x, y, z) of rotation matrices S, shape (..., 4), with w >= 0. They are not normalised:
+    the length of each is between 2 and 4.
 
     Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
     element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
@@ -229,8 +231,9 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of quaternions of any length; NaN where a quaternion is not finite.
-    Raise RotationError, which names the argument `name`, where a quaternion is zero.
+    """Return the rotation matrices (..., 3, 3) of quaternions of any length, (w, x, y, z) if `scalar_first` and
+    otherwise (x, y, z, w); NaN where a quaternion is not finite. Raise RotationError, which names the argument
+    `name`, if a quaternion is zero.
 
     Raises:
         RotationError: a quaternion is zero.
@@ -249,11 +252,12 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """Return the rotation matrices nearest to matrices (their orthogonal polar factors); NaN where a matrix is not
-    finite. Raise RotationError where a determinant is not positive.
+    """Return the rotation matrices nearest to the matrices M (..., 3, 3) (their orthogonal polar factors); NaN where
+    a matrix is not finite. Raise RotationError if a determinant is not positive.
 
-    The error is at most 6 u, where u = 2^-53, if M is within 1e-2 of a rotation. Otherwise the error grows with the
-    ratio of the largest singular value of M to the sum of the two smallest.
+    The error of every component is at most 6 u, where u = 2^-53, if the components of M are within 1e-2 of those of a
+    rotation. Otherwise the error grows with the ratio of the largest singular value of M to the sum of the two
+    smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).
@@ -262,7 +266,8 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
         Rotations; shape (..., 3, 3); NaN where M is not finite.
 
     Raises:
-        RotationError: a determinant is not positive: a reflection, or a matrix without a nearest rotation.
+        RotationError: a determinant is not positive. The orthogonal polar factor is then a reflection, or it is not
+            unique.
 
     >>> import hingepair as hp
     >>> hp.project_to_rotation([[2, 0, 0], [0, 3, 0], [0, 0, 1]]) + 0.0
@@ -288,8 +293,8 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
 
 
 def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation nearest to M, refined by one Newton step from the approximation S: the step makes S^T M
-    symmetric.
+    """Return the rotation nearest to the matrix M, refined from the approximation S by one Newton step, which makes
+    S^T M symmetric. The result is orthogonal only to first order in the step.
 
     This corrects the rounding of the singular value decomposition (SVD).
     """
@@ -301,8 +306,8 @@ def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> 
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:
-    """Raise RotationError, which names the argument `name`, where a matrix is not a rotation within the tolerance of
-    its dtype. Matrices that are not finite pass.
+    """Raise RotationError, which names the argument `name`, if a matrix of the array S (..., 3, 3) is not a rotation
+    within the tolerance of its dtype. Matrices that are not finite pass.
 
     Raises:
         RotationError: names the argument, and recommends project_to_rotation.
@@ -330,7 +335,9 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _rotation_errors(values: Named) -> Named:
-    """Return a dict of "error", the largest absolute element of S S^T - I, and "volume", the determinant of S."""
+    """Return a dict of "error", the largest absolute element of the difference of S S^T from the identity, and
+    "volume", the determinant of S. `values` holds S by name as nine components.
+    """
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

@@ -23,8 +23,8 @@ SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRIN
 
 
 class Sequence(NamedTuple):
-    """An Euler sequence, described as the canonical sequence Sx Sy Sz or Sx Sy Sx with its axes renamed and its
-    angles reordered or negated.
+    """An Euler sequence, described as the canonical sequence Sx Sy Sz or (if `proper`) Sx Sy Sx with its axes renamed
+    (`place`) and its angles reordered (`backward`) or negated (`sign`).
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
@@ -36,8 +36,8 @@ class Sequence(NamedTuple):
     sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
-        """Return three angles, or rates of angles, converted from the order of the sequence's letters to the
-        canonical order and sign. The same call converts them back.
+        """Return three angles phi, or rates of angles, converted from the order of the sequence's letters to the
+        canonical order and sign, as a tuple. The same call converts them back.
         """
         x, y, z = phi
         if self.backward:
@@ -45,8 +45,8 @@ class Sequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return the nine entries of the rotation matrix S from the sines and cosines of the canonical angles
-        (E10).
+        """Return the nine entries of the rotation matrix S from `trig`, the tuple of (sin, cos) of the three
+        canonical angles, one after the other (E10).
         """
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
@@ -68,8 +68,8 @@ class Sequence(NamedTuple):
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J' in world axes; the rates phid and the columns are in the order of the
-        letters.
+        """Return the three columns of J' in world axes, in the order of the letters. `canonical_axes` is the result
+        of the method `axes`; the rates phid are in the order of the letters.
         """
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
@@ -86,7 +86,8 @@ class Sequence(NamedTuple):
 
 
 def find_sequence(name: str) -> Sequence:
-    """Return the Sequence of a name such as "XYZ" or "zyx". Raise ArgumentError where there is none of this name.
+    """Return the Sequence of a name such as "XYZ" (intrinsic) or "zyx" (extrinsic). Raise ArgumentError if there is
+    no sequence of this name.
 
     Raises:
         ArgumentError: no such sequence.
@@ -116,8 +117,8 @@ def _cached_sequence(name: str) -> Sequence:
 
 
 def nine(entries: Any) -> eq.Matrix:
-    """Return nine entries from an iterable as a tuple, which stands for a matrix row by row; ValueError if there
-    are not nine.
+    """Return the nine entries of an iterable as a tuple, which stands for a matrix row by row. Raise ValueError if
+    there are not nine.
     """
     a, b, c, d, e, f, g, h, i = entries
     return a, b, c, d, e, f, g, h, i
