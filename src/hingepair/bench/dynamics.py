@@ -378,7 +378,9 @@ def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) 
     g = np.array(GRAVITY)
 
     def rates(_: float, y: Array) -> Array:
-        """Return the time derivative of the state: position, quaternion, psi, and their velocities."""
+        """Return the time derivative of the state y, an array of position, quaternion (w, x, y, z), psi and their
+        velocities (v1, omega1, psi'). The time is ignored.
+        """
         w, x, z, u = y[3:7] / np.sqrt(y[3:7] @ y[3:7])
         q = np.array([x, z, u])
         Q = _skew_matrix(q)

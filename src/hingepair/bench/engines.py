@@ -103,7 +103,7 @@ def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, wit
 
 
 def _address(value: Any) -> Any:
-    """Return the address of the data of an array; return other values unchanged."""
+    """Return the memory address of the data of an array; return any other value unchanged."""
     return value.ctypes.data if isinstance(value, np.ndarray) else value
 
 

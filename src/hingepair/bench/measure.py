@@ -269,7 +269,7 @@ def format_number(number: float) -> str:
 
 
 def format_duration(seconds: float) -> str:
-    """Return a duration as text, with the largest unit in which it is at least 1.
+    """Return a duration in seconds as text, in the largest of the units s, ms, us and ns in which it is at least 1.
 
     >>> format_duration(1.234e-8), format_duration(0.25)
     ('12.3 ns', '250 ms')
@@ -279,7 +279,9 @@ def format_duration(seconds: float) -> str:
 
 
 def case_name(description: str, size: int) -> str:
-    """Return the name of a case: what is computed, and the number of samples."""
+    """Return the name of a case as text: the description of what is computed, and the number of samples, as in "pose,
+    N = 1,000".
+    """
     return f"{description}, N = {size:,}"
 
 

@@ -58,7 +58,9 @@ class KinematicsTask(NamedTuple):
 
     @property
     def arguments(self) -> MotionArrays:
-        """Return q, qd, qdd of shape (N, 7); of a batch of one sample those of one state, shape (7,)."""
+        """Return the arrays of the motion (q; q and qd; or q, qd and qdd), shape (N, 7) each. A batch of one sample
+        gives those of one state, shape (7,).
+        """
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
     def first_samples(self, count: int) -> KinematicsTask:

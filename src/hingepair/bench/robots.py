@@ -130,7 +130,9 @@ def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, wit
 
 
 def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
-    """Return the name of the case of a workload at a number of states."""
+    """Return the name of the case of a robot's workload at `size` states, as text with the robot's name and number of
+    joints.
+    """
     return case_name(f"{robot.name} ({robot.dof} joints), {workload}", size)
 
 

@@ -142,8 +142,8 @@ def _chunk_size(samples: int) -> int:
 
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure run times of velocities of a pair, on NumPy and on Dask arrays, with one thread and with `threads`,
-    `repeats` times; return the table rows. The memory bandwidth limits these run times.
+    """Measure run times of velocities of a pair for `samples` samples, on NumPy and on Dask arrays, with one thread
+    and with `threads`, `repeats` times; return the table rows. The memory bandwidth limits these run times.
     """
     pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
@@ -162,8 +162,8 @@ def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
 
 
 def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure run times of forward dynamics of a robot, on NumPy and on Dask arrays, with one thread and with
-    `threads`, `repeats` times; return the table rows. Arithmetic limits these run times.
+    """Measure run times of forward dynamics of a robot for `samples` samples, on NumPy and on Dask arrays, with one
+    thread and with `threads`, `repeats` times; return the table rows. Arithmetic limits these run times.
     """
     locked_positions = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
     robot, rng = load_robot("panda", locked=locked_positions), np.random.default_rng(52)

@@ -73,13 +73,13 @@ def _exact_body2(pair: PairNumbers, motion: Any, t: Any) -> tuple[Any, Any, Any]
 
 
 def rotation_about_axis(axis: Any, angle: Any) -> Any:
-    """Return the rotation matrix about an axis of any length."""
+    """Return the rotation matrix about an axis of any length by an angle [rad], as an mpmath matrix."""
     part = mpmath.sin(angle / 2) / mpmath.norm(mpmath.matrix(axis))
     return rotation_of_quaternion((mpmath.cos(angle / 2), *(part * c for c in axis)))
 
 
 def rotation_of_quaternion(quat: Any) -> Any:
-    """Return the rotation matrix of a quaternion (w, x, y, z) of any non-zero length."""
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any non-zero length, as an mpmath matrix."""
     w, x, y, z = quat
     rows = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -90,7 +90,7 @@ def rotation_of_quaternion(quat: Any) -> Any:
 
 
 def skew_vector(W: Any) -> Any:
-    """Return the vector w of the skew part [w]x of a matrix."""
+    """Return the vector w of the skew part [w]x of a 3 x 3 matrix, as an mpmath matrix (3, 1)."""
     return mpmath.matrix([(W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2])
 
 

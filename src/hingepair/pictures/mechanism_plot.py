@@ -180,8 +180,8 @@ def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
 def _draw_limits(
     axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
 ) -> None:
-    """Draw the (lower, upper) limits that are near the curve's values as dashed lines into Matplotlib axes. With
-    `writes_far_limits`, the other finite limits are given as text.
+    """Draw the (lower, upper) limits that are near the curve's values as dashed lines of the given colour into
+    Matplotlib axes. With `writes_far_limits`, the other finite limits are given as text.
     """
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
@@ -205,5 +205,7 @@ def _draw_limits(
 
 
 def _shorten_name(name: str) -> str:
-    """Return a name, shortened in the middle to the 22 characters that fit beside a panel."""
+    """Return a name of at most 22 characters, which fit beside a panel, unchanged; return a longer one shortened in
+    the middle.
+    """
     return name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}"

@@ -104,7 +104,9 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
-    """Return the outputs to evaluate: the requested ones, or the rates of body 2 and psi."""
+    """Return the names of the outputs to evaluate, a tuple: those in `outputs` or, if it is None, psi and the rates
+    of body 2 that the scene's motion has.
+    """
     return (*BODY2_RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
@@ -154,7 +156,9 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return the rates of body 2 among the arrays as vectors in space; shape (N, 3)."""
+    """Return a dict of those of the given arrays that are rates of body 2, by name, as vectors in space; shape (N,
+    3).
+    """
     return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUTS if name in arrays}
 
 

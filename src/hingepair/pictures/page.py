@@ -117,7 +117,7 @@ class Page:
 
     @property
     def shown(self) -> str:
-        """Number of instants on the page, such as `2000 of 10001` where the motion has more."""
+        """Number of instants on the page, as text, such as `2000 of 10001` if the motion has more."""
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
@@ -145,7 +145,7 @@ class Page:
 
 
 def _shown_count(count: int, samples: int) -> str:
-    """Return the number of shown instants, and of all instants where these are more."""
+    """Return the number of shown instants as text, such as `100`, or `2000 of 10001` if the motion has more."""
     return f"{count} of {samples}" if count < samples else f"{count}"
 
 

@@ -277,7 +277,7 @@ def _last_link(tree: Tree) -> str:
 
 
 def _lighten(colour: str, share: float) -> str:
-    """Mix a colour (#rrggbb) with a share of white."""
+    """Return a colour (#rrggbb) mixed with a share of white, from 0 to 1, as text in the same form."""
     parts = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
 

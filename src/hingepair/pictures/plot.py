@@ -123,7 +123,7 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
 
 
 def _title_and_unit(name: str) -> tuple[str, str]:
-    """Return the title of a panel and the unit of an output."""
+    """Return the title of the panel of the output called `name`, and its unit, a tuple of texts."""
     return _TITLE_BY_OUTPUT.get(name, name), "rad" if name in _ATTITUDE_OUTPUT_NAMES else unit_of(name)
 
 

@@ -263,8 +263,8 @@ class _ExpressionBuilder:
         self._refuse_name(node)
 
     def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedPart:
-        """Return the parsed part of a sum `a - b + c` or a product `a / b * c` of any length, which counts as one
-        level of nesting. `operator_group` says which of the two.
+        """Return the parsed part of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
+        `operator_group` tells apart. A chain of any length counts as one level of nesting.
         """
         operators, operate_exactly, operate_on_floats, invert = operator_group
         inverted_operands, is_inverted, current = [], False, node
@@ -290,14 +290,16 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
-        """Return the parsed part of a power. Raise an ArgumentError if its exponent is too large."""
+        """Return the parsed part of the syntax node of a power, at a nesting depth. Raise an ArgumentError if its
+        exponent is too large.
+        """
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
-        """Return the parsed part of a function call. Raise an ArgumentError for an unknown function or wrong
-        arguments.
+        """Return the parsed part of the syntax node of a function call, at a nesting depth. Raise an ArgumentError
+        for an unknown function or wrong arguments.
         """
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
@@ -388,7 +390,9 @@ class _ExpressionBuilder:
         return _ParsedPart(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Raise an ArgumentError if an exponent is too large for SymPy to compute the power quickly."""
+        """Raise an ArgumentError on the syntax node if the exponent, or its product with the number of bits of the
+        base, is too large for SymPy to compute the power quickly.
+        """
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")

@@ -206,7 +206,7 @@ class FrameProgram:
         return groups
 
     def _column(self, tree: Tree, joint: Joint) -> int:
-        """Return the column in q of a joint, or of the joint that it follows."""
+        """Return the index in q of the coordinate of a joint or, for a mimic joint, of the joint that it follows."""
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         return self._columns[leader.name]
 

@@ -93,7 +93,7 @@ class Where(Choice):
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
         """Return a simpler equivalent expression if the guard has no symbols, x equals y, or the guard is itself a
-        choice between constants; otherwise None.
+        choice between constants; otherwise None, which leaves the call unevaluated.
         """
         if not guard.free_symbols:
             return x if constant_value(guard) >= 0 else y
@@ -113,7 +113,9 @@ class Extreme(Choice):
 
     @classmethod
     def eval(cls, x: Expr, y: Expr) -> Expr | None:
-        """Return the chosen argument if the difference of the arguments has no symbols; otherwise None."""
+        """Return the larger or the smaller argument if the difference of the two has no symbols; otherwise None,
+        which leaves the call unevaluated.
+        """
         guard = cls.sense * (x - y)
         return None if guard.free_symbols else Where(guard, x, y)
 
@@ -142,7 +144,9 @@ class Remainder(Kinked):
 
     @classmethod
     def eval(cls, x: Expr, period: Expr) -> Expr | None:
-        """Return the remainder as an expression if x has no symbols; otherwise None."""
+        """Return the remainder as an expression if x has no symbols; otherwise None, which leaves the call
+        unevaluated.
+        """
         return None if x.free_symbols else x - period * sympy.floor(x / period)
 
     def _eval_derivative(self, symbol: Expr) -> Expr:

@@ -91,8 +91,8 @@ class TimeFunctions:
             return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*instants_and_values))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return for each interval between neighbouring, increasing instants [s] whether an expression has a kink or
-        a jump in it; shape (N - 1,).
+        """Return a boolean array, shape (N - 1,), that says for each interval between neighbouring instants t [s],
+        which increase, whether an expression has a kink or a jump in it.
         """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample(self._program.switches, t):

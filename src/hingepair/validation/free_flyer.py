@@ -81,13 +81,13 @@ def _required_array(body1: BodyMotion, name: str) -> Float64Array:
 
 
 def to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """Return S^T times the vector."""
+    """Return S^T times the vector, that is, a vector in world axes converted to body axes; shape (..., 3)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None]).sum(axis=-2))
 
 
 def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """Return S times the vector."""
+    """Return S times the vector, that is, a vector in body axes converted to world axes; shape (..., 3)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None, :]).sum(axis=-1))
 

@@ -295,8 +295,9 @@ def _forward_dynamics_residual(
     our_outputs: Mapping[str, Float64Array],
     pinocchio_outputs: Mapping[str, Float64Array],
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return three results: the forces that our accelerations require by Pinocchio's rnea, (N, k); the forces that
-    act, (N, k); and a list of texts on joints that nothing resists, one for each sample with a singular mass matrix.
+    """Return three results: the forces that hingepair's accelerations require by Pinocchio's rnea, (N, k); the forces
+    that act, (N, k); and a list of texts on joints that nothing resists, one for each sample with a singular mass
+    matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output name.
 
     At a sample with a singular mass matrix we give no accelerations; the forces that act are NaN there, so that
     nothing is compared.

@@ -204,6 +204,8 @@ def _sizes_behind_joint(
 
 
 def _add_sizes(sums: dict[str, Any], sizes: dict[str, Any], weight: Any) -> dict[str, Any]:
-    """Return sums of sizes with those of a further joint, by a weight."""
+    """Return a dict of the sums of sizes plus `weight` times the sizes of a further joint, by letter; the sum S grows
+    by the weight.
+    """
     added = {letter: sums[letter] + weight * value for letter, value in sizes.items()}
     return {**added, "S": sums["S"] + weight}

@@ -171,6 +171,8 @@ def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
 
 
 def _join_coordinates(base: list[Float64Array], joints: Float64Array) -> Float64Array:
-    """Return the coordinates of the base and of the joints, broadcast, in one array."""
+    """Return the coordinates of the base, a list of arrays, and of the joints as one array, joined along the last
+    axis; leading axes are broadcast.
+    """
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in (*base, joints)))
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in (*base, joints)], axis=-1)
