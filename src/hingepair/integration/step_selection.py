@@ -49,7 +49,7 @@ _TARGET_ERROR_TO_TOLERANCE, _ACCEPTED_ERROR_TO_TOLERANCE = (
 )  # of the tolerance: sum of errors that is aimed at, and that is accepted
 # Bisections (geometric) of the range of the sum of sizes that gives the target sum of errors.
 _ERROR_TARGET_BISECTION_COUNT = 8
-_MAX_ERROR_SUMMED_AS_VECTORS = 1.0  # rad: below this sum, errors can be added up as vectors
+_MAX_ERROR_SIZE_SUM_FOR_VECTOR_ADDITION = 1.0  # rad: below this sum of sizes, errors can be added up as vectors
 # Of the sum of errors: if regular pieces have less, only irregular ones are divided.
 _MIN_REGULAR_SHARE_OF_ERROR_SUM = 0.1
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
@@ -164,7 +164,7 @@ def _next_part_counts(
         0 < regular < _MIN_REGULAR_SHARE_OF_ERROR_SUM * total
     ):  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
-    elif total < _MAX_ERROR_SUMMED_AS_VECTORS:
+    elif total < _MAX_ERROR_SIZE_SUM_FOR_VECTOR_ADDITION:
         accumulated = _PieceErrors(integrals, step_sample, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_ERROR_TO_TOLERANCE * allowed:

@@ -56,15 +56,15 @@ _CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences 
 
 
 class Circle(NamedTuple):
-    """A circle in the axes of body 1: its axis, centre and radius."""
+    """A circle in the axes of body 1: the unit vector of its axis (n), its centre [m] and its radius [m]."""
 
     n: Float64Array  # axis, unit; (3,)
     centre: Float64Array  # [m]; (3,)
     radius: float  # [m]
 
     def moved(self, step: Float64Array) -> Circle:
-        """Return the circle after a step: rotations of n (2) [rad], a shift of the centre in the axes of `frame`
-        (3), a change of the radius.
+        """Return the circle after a step of six numbers: two rotations of n [rad], a shift of the centre [m] in the
+        axes of `frame(n)` (three), and a change of the radius [m].
         """
         centre = self.centre + frame(self.n) @ step[2:5]
         return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
@@ -79,7 +79,9 @@ class Circle(NamedTuple):
         return np.asarray(start / np.linalg.norm(start))
 
     def levers(self, gauge: str) -> tuple[Float64Array, Float64Array]:
-        """Return the levers u1 and u2 (3,) of the hinge. The gauge names the point of the axis that they lead to."""
+        """Return the levers u1 and u2 (3,) of the hinge, from R1 to the hinge point and from the moving point to it.
+        `gauge`, "closest_to_R1" or "closest_to_R2", names the point of the axis that is the hinge point.
+        """
         u1 = self.centre - (self.centre @ self.n) * self.n if gauge == "closest_to_R1" else self.centre
         return u1, u1 - self.centre - self.radius * self.zero_direction
 
@@ -109,9 +111,9 @@ class CircleFit(NamedTuple):
     normal: Float64Array  # matrix of the normal equations, in squares of metres; (6, 6), or (7, 7) with the offset
 
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
-        """Return whether the motion determines the clock offset: whether the residuals depend on the offset far
-        more than they would by noise alone. The derivatives of `noise_poses` with respect to the offset are such
-        noise.
+        """Return whether the motion determines the clock offset: whether the residuals depend on the offset far more
+        than they would by noise alone. `noise_poses` are RelativePoses whose derivatives with respect to the offset
+        are such noise.
         """
         k = _NUM_CIRCLE_PARAMETERS
         across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]
@@ -125,9 +127,10 @@ class CircleFit(NamedTuple):
 def fit_circle(
     poses: RelativePoses, loss: Loss | None, gauge: str, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> CircleFit:
-    """Fit the most likely circle to the path of a point of body 2, seen from body 1; return a CircleFit. If
-    `poses_at`, a function of the clock offset, is given, estimate the offset too, with `offset` as its first value.
-    Raise FitError where the samples show no circle.
+    """Fit the most likely circle to the path of a point of body 2 relative to body 1 (`poses`); return a CircleFit.
+    `loss` reduces the weights of outliers; None means least squares. `gauge` names the hinge point on the axis. If
+    `poses_at`, a function of the clock offset, is given, estimate the offset too, from the first value `offset`.
+    Raise FitError if the samples show no circle.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -223,8 +226,9 @@ def fit_circle(
 
 
 def circle_misfit(poses: RelativePoses) -> float:
-    """Return how badly a circle fits the positions of a point: the logarithm of the median squared distance [m^2]
-    from the best circle found in a few steps. Raise FitError for fewer than four samples or samples on a line.
+    """Return how badly a circle fits the positions of a point in `poses`: the logarithm of the median squared
+    distance [m^2] from a circle found in a few steps. Raise FitError for fewer than four samples or samples on a
+    line.
     """
     circle = _circle_of_random_triples(poses.p.T, _NUM_ROUGH_SAMPLE_TRIPLES)
     for _ in range(_NUM_ROUGH_CIRCLE_STEPS):
@@ -242,9 +246,8 @@ def circle_misfit(poses: RelativePoses) -> float:
 def _variance_and_weights(
     residuals: Float64Array, sample_weights: Float64Array, loss: Loss | None
 ) -> tuple[float, Float64Array]:
-    """Return the variance of a coordinate [m^2], estimated from the residuals (N, 2), and the weights of the
-    samples (N,). A loss function reduces the weights of outliers; with `loss` None, the weights are
-    `sample_weights`.
+    """Return the variance of a coordinate [m^2], estimated from the residuals (N, 2), and the weights of the samples
+    (N,). If `loss` is None, the weights are `sample_weights`; otherwise the loss reduces the weights of outliers.
     """
     squares = (residuals * residuals).sum(axis=1)
     if loss is None:
@@ -265,10 +268,8 @@ def _result_vector(circle: Circle, gauge: str) -> Float64Array:
 
 def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
     """Return the distances of the samples from the plane of the circle and, in that plane, from the circle (N, 2),
-    and the derivatives of both distances with respect to the six parameters of the circle (N, 2, 6). Where the poses
+    and the derivatives of both distances with respect to the six parameters of the circle (N, 2, 6). If the poses
     have rates, the derivatives with respect to the clock offset come last (N, 2, 7).
-
-    With rates the derivatives by the clock offset come last; (N, 2, 7).
     """
     axes = frame(circle.n)
     x, y, z = ((poses.p.T - circle.centre) @ axes).T
@@ -286,8 +287,9 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
 
 
 def _circle_of_random_triples(p: Float64Array, num_triples: int = _NUM_SAMPLE_TRIPLES) -> Circle:
-    """Return the circle with the least median distance from the samples, among the circles through `num_triples`
-    random triples of samples. Raise FitError for fewer than four samples, or where all triples are on lines.
+    """Return the circle with the least median distance from the samples p (N, 3), among the circles through
+    `num_triples` random triples of samples. Raise FitError for fewer than four samples, or if all triples are on
+    lines.
     """
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")
@@ -322,8 +324,9 @@ def _circle_findings(
     has_converged: bool,
     gauge: str,
 ) -> list[Finding]:
-    """Return a list of findings on a fitted circle: outliers, systematic residuals, a large standard deviation of
-    the axis or of the hinge point, and steps that did not converge. Findings that make the hinge unreliable come
+    """Return a list of findings on a fitted circle: outliers, systematic residuals, a large standard deviation of the
+    axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are those of both residuals
+    between neighbouring samples; `covariance` is that of the hinge. Findings that make the hinge unreliable come
     first.
     """
     findings = []

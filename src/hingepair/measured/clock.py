@@ -63,15 +63,17 @@ class ClockedPoses:
         return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_PIECE_SAMPLES))
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
-        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time."""
+        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time at a clock
+        offset. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that many.
+        """
         return self._matched(offset, max_samples)[0]
 
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return three arrays of equal length: the indices of usable samples of body 1, the indices of the samples
-        of body 2 nearest in time to these at a clock offset, and the time shifts [s] that take the latter samples
-        to the instants of the former.
+        """Return three arrays of equal length: the indices of usable samples of body 1, those of the samples of body
+        2 nearest in time to these at a clock offset, and the time shifts [s] from the latter to the former. If
+        `max_samples` is not None, the samples are thinned evenly to at most that many.
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
@@ -94,8 +96,8 @@ class ClockedPoses:
     def _shifted_body2(
         self, sample_indices: NDArray[np.intp], time_shifts: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Return the positions R (M, 3) and the rotation matrices S (M, 3, 3) of samples of body 2, each moved
-        along the smoothed motion by its time shift [s].
+        """Return the positions R (M, 3) and the rotation matrices S (M, 3, 3) of the samples of body 2 with the
+        indices `sample_indices`, each moved along the smoothed motion by its time shift [s].
         """
         v, omega, a, alpha = self._rates[:, sample_indices]
         dt = time_shifts[:, None]
@@ -103,8 +105,8 @@ class ClockedPoses:
         return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
     def body2(self, offset: float) -> BodyMotion:
-        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset to the instants of
-        body 1. R and S are NaN where body 2 has no sample near enough.
+        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset to the instants of body
+        1. R and S are NaN if body 2 has no sample near enough.
         """
         rows, near, shift = self._matched(offset, None)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
@@ -112,8 +114,9 @@ class ClockedPoses:
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return relative poses whose derivatives with respect to the clock offset are random numbers (fixed
-        seed). These numbers are as large as the noise in the derivatives that `poses_at` returns.
+        """Return relative poses whose derivatives with respect to the clock offset are random numbers (fixed seed),
+        as large as the noise in the derivatives that `poses_at` returns. If `max_samples` is given, the samples are
+        thinned evenly to at most that many.
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
@@ -144,8 +147,8 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset. The list is empty where the size of the
-        offset is below a twentieth of the median time step.
+        """Return a list with one sentence that states the clock offset. The list is empty if the size of the offset
+        is below a twentieth of the median time step.
         """
         if abs(offset) < _MIN_MENTIONED_OFFSET_IN_TIME_STEPS * self._step:
             return []
@@ -156,20 +159,17 @@ class ClockedPoses:
 
     @property
     def time_scale(self) -> float:
-        """Return the time in which the motion of body 2 changes [s]: its median velocity divided by its median
-        acceleration. Of the linear and the angular time, the shorter one is returned; 1 s where body 2 is at rest.
+        """Return the time in which the motion of body 2 changes [s], its median velocity divided by its median
+        acceleration. Of the linear and the angular time, the shorter one is returned; 1 s if body 2 is at rest.
         """
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
-        """Scan clock offsets and return the one with the least misfit [s]: the local minimum near 0, unless a distant
+        """Scan clock offsets and return the one with the least misfit [s], the local minimum near 0, unless a distant
         offset is clearly better. `misfit` is a function of RelativePoses that returns minus the logarithm of their
-        likelihood.
-
-        Args:
-            misfit: minus the logarithm of the likelihood of a sample of the poses at an offset.
+        likelihood for a sample.
         """
         length = float(self._t[-1] - self._t[0])
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_OFFSET_TO_DURATION * length)
@@ -197,8 +197,8 @@ class ClockedPoses:
 
 
 def hinge_misfit(poses: RelativePoses, known_hinge: Hinge | None) -> float:
-    """Return minus the logarithm of the likelihood of the poses for a hinge, per sample and up to a constant. With
-    `known_hinge` None, the hinge is the closed-form hinge of the poses.
+    """Return minus the logarithm of the likelihood of the poses for a hinge, per sample and up to a constant. If
+    `known_hinge` is None, the hinge is the closed-form hinge of the poses.
 
     A known hinge is judged by medians of the squared residuals, any other by their means.
     """

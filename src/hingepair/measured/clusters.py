@@ -49,9 +49,9 @@ class ClusterFit:
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
-    """Fit the pose of a body at each sample to the recorded positions of markers that are fixed on the body, by least
-    squares (Kabsch's algorithm), and return a ClusterFit. Without `reference`, fit the places of the markers on the
-    body too. Raise FitError if the markers do not determine the attitude.
+    """Fit the pose of a body at each sample to recorded positions of `markers` on it (N, M, 3), by least squares
+    (Kabsch's algorithm), and return a ClusterFit. `reference` are the places of the markers in the body's axes (M,
+    3); if None, fit these too. Raise FitError if the markers do not determine the attitude.
 
     Args:
         markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3). There
@@ -64,8 +64,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         The fit, whose `.body` is ready for `fit` and `smooth`.
 
     Raises:
-        FitError: no sample has three markers, the markers are on a line, or (without `reference`) a marker is never
-            seen together with three others.
+        FitError: no sample has three markers, or the markers are on a line. Without `reference`, also if a marker
+            that is missing in the sample with the most markers is never seen together with three others.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
@@ -116,8 +116,9 @@ def _rms_by_marker(off: Float64Array, is_seen: Float64Array) -> Float64Array:
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
     """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows most
-    markers. Markers missing there are placed by other samples; raise FitError where no sample shows such a marker
-    with three placed ones.
+    markers. `places` are the recorded positions (N, M, 3), and `is_seen` is 1 where a marker is seen, else 0. Markers
+    that this sample lacks are placed by other samples; raise FitError if no sample shows such a marker with three
+    placed ones.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -135,8 +136,8 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
 
 
 def _check_not_on_line(cluster: Float64Array) -> None:
-    """Raise FitError where the places of the markers, `cluster` (M, 3), are on a line: the attitude about the line
-    would not be determined.
+    """Raise FitError if the places of the markers, `cluster` (M, 3), are on a line: the attitude about the line would
+    not be determined.
     """
     widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
     if widths[1] <= _MIN_CLUSTER_WIDTH_TO_LENGTH * widths[0]:
@@ -146,9 +147,9 @@ def _check_not_on_line(cluster: Float64Array) -> None:
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return R (N, 3) and S (N, 3, 3) of the body that fit the marker positions `places` (N, M, 3) to the markers'
-    places on the body, `cluster` (M, 3), by least squares, and the distances that remain (N, M). `is_seen` (N, M)
-    is 1 where a marker is seen, else 0.
+    """Return R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances that remain (N, M). The
+    positions of the markers are `places` (N, M, 3), their places on the body `cluster` (M, 3); `is_seen` (N, M) is 1
+    where a marker is seen, else 0.
     """
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
@@ -166,8 +167,9 @@ def _kabsch_poses(
 def _fit_poses_and_places(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Fit the poses of the body to the marker positions and, if `refine_places`, the markers' places on the body
-    too, in turns. Return R, S, the distances of the markers from their places, and the places.
+    """Fit the poses of the body to the marker positions `places` and, if `refine_places`, the markers' places on the
+    body too, in turns. `cluster` are the first places on the body, and `is_seen` is 1 where a marker is seen, else 0.
+    Return R, S, the distances of the markers from their places, and the places.
     """
     axes = None
     before = np.inf
@@ -194,8 +196,9 @@ def _fit_poses_and_places(
 def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
-    """Return a list with one sentence on the marker that moved relative to the others, or on several markers of
-    which one moved. The list is empty where the cluster is rigid.
+    """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
+    one moved; empty if the cluster is rigid. `places` are the marker positions, `distances` (N, M) those from the
+    places on the body, and `cluster_size` is the rms size of the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:

@@ -43,7 +43,7 @@ MAX_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
 
 
 class Finding(NamedTuple):
-    """One sentence of a report on a fit, and whether the hinge is reliable in spite of what the sentence says.
+    """One sentence of a report on a fit (`text`), and whether the hinge is reliable in spite of it (`harmless`).
 
     A harmless one says how large something is; any other says why there is no hinge to rely on.
     """
@@ -53,11 +53,8 @@ class Finding(NamedTuple):
 
 
 def check_turning(poses: RelativePoses) -> None:
-    """Raise FitError where body 2 does not rotate relative to body 1, or no more than by noise. The error's message
-    says whether the bodies slide or are fixed.
-
-    Raises:
-        FitError: says what was seen instead.
+    """Raise FitError if body 2 does not rotate relative to body 1, or no more than by noise. `poses` are
+    RelativePoses. The error's message says whether the bodies slide or are fixed.
     """
     thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
     Q = thin.Q.T.reshape(-1, 3, 3)
@@ -93,8 +90,9 @@ def judge_hinge(
     std: dict[str, Float64Array],
 ) -> list[Finding]:
     """Return a list of findings on a fitted hinge: outliers, a tilting axis, a moving hinge point, large standard
-    deviations, steps that did not converge, and correlated residuals. Findings that make the hinge unreliable come
-    first. Later checks are left out after serious outliers or a serious tilt.
+    deviations, steps that did not converge, and correlated residuals. `std` is a dict of the standard deviations of
+    n, u1 and u2. Findings that make the hinge unreliable come first; after serious outliers or a serious tilt,
+    further checks are left out.
     """
     every = slice(None, None, -(-poses.samples // _MAX_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
@@ -129,9 +127,9 @@ def judge_hinge(
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
-    """Return a boolean array (N,) that marks outliers: samples whose residuals are far larger than those of most
-    samples. No sample is marked where residuals of neighbouring samples are correlated or where rounding explains
-    the large residuals.
+    """Return a boolean array (N,) that marks outliers, samples whose residuals are far larger than those of most
+    samples. No sample is marked if residuals of neighbouring samples are correlated, or if rounding explains the
+    large residuals.
     """
     is_outlier = _relative_sizes(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
@@ -149,7 +147,7 @@ def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
 
 
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
-    """Return whether rounding explains the residuals of the samples that `samples` marks."""
+    """Return whether rounding explains the residuals of the samples that the boolean array `samples` marks."""
     largest = max(np.abs(residuals.gap[:, samples]).max() / poses.size, residuals.tilt[samples].max())
     return bool(largest < _MAX_RELATIVE_ROUNDING_RESIDUAL)
 
@@ -171,8 +169,8 @@ def _outlier_findings(
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
     """Return a list with one finding on the tilt between the hinge axes of both bodies, which says what joint the
-    motion shows if it is no hinge. The list is empty where the tilt is small. `turning` is the rms scatter of the
-    hinge angle [rad].
+    motion shows if it is no hinge. The list is empty if the tilt is small. `turning` is the rms scatter of the hinge
+    angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
@@ -226,8 +224,9 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with one finding on the motion of the hinge point in the bodies, such as that of a sliding
-    hinge or of small play. The list is empty where the point stays fixed in both bodies.
+    """Return a list with one finding on the motion of the hinge point in the bodies, such as that of a sliding hinge
+    or of small play. The list is empty if the point stays fixed in both bodies. `lever_length` [m] is the length with
+    which the motion is compared.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)
@@ -266,8 +265,8 @@ def _point_findings(
 
 
 class _PointMotion(NamedTuple):
-    """Size of the hinge point's motion relative to the bodies, and two templates of sentences that report it: one
-    for a motion too large for a hinge, one for small play.
+    """Size of the hinge point's motion relative to the bodies [m], and two templates of sentences that report it,
+    `no_hinge` for a motion too large for a hinge and `play` for small play.
     """
 
     size: float  # rms [m]
@@ -289,7 +288,7 @@ def _rms_distance(p: Float64Array) -> float:
 
 
 class BodyPoses(NamedTuple):
-    """Positions and attitudes of both bodies at all samples, as the user gave them."""
+    """Positions (R1, R2) and attitudes (S1, S2) of both bodies at all samples, as the user gave them."""
 
     R1: NDArray[np.floating]  # shape (N, 3)
     S1: NDArray[np.floating]  # shape (N, 3, 3)
@@ -297,8 +296,8 @@ class BodyPoses(NamedTuple):
     S2: NDArray[np.floating]
 
     def changed(self, bodies: str, letter: str, change: Callable[..., Any]) -> BodyPoses:
-        """Return the poses with the array R or S (`letter`) of the bodies "1", "2" or "12" replaced by `change` of
-        that array.
+        """Return the poses with the array R or S (`letter`) of the bodies "1", "2" or "12" replaced. `change` is a
+        function that returns the new array from the old one.
         """
         return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
 
@@ -314,8 +313,8 @@ class BodyPoses(NamedTuple):
 
 
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
-    """Return a list with one sentence on a mistake (in units, in the order of axes or of quaternions), if a hinge
-    fits the poses far better with this mistake corrected. The list is empty where no mistake is likely.
+    """Return a list with one sentence on a mistake in recorded poses (in units, in the order of axes or of
+    quaternions), if a hinge fits far better with this mistake corrected. The list is empty if no mistake is likely.
     """
     every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_MISTAKE_TRIAL_SAMPLES))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
@@ -357,8 +356,8 @@ def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
 
 
 def _with_reordered_quaternions(S: Float64Array, scalar_first: bool) -> Float64Array:
-    """Return rotation matrices corrected for quaternions that were read in the wrong order of components. With
-    `scalar_first`, the quaternions were written scalar first and read scalar last; else the reverse.
+    """Return rotation matrices S (N, 3, 3) corrected for quaternions that were read in the wrong order of components.
+    If `scalar_first`, the quaternions were written scalar first and read scalar last; otherwise the reverse.
     """
     read = matrix_to_quaternion(S)  # w, x, y, z
     written = np.roll(read, -1, axis=-1) if scalar_first else read

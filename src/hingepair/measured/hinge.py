@@ -30,8 +30,8 @@ _MIN_AXES_COSINE_FOR_SHORTEST_TURN = -0.9
 
 
 class Hinge(NamedTuple):
-    """The axis of a hinge and a point of the axis, each in the axes of either body: n and u1 in body 1, m and u2
-    in body 2. The direction of psi = 0 is not part of it.
+    """The axis of a hinge and a point of the axis, each in the axes of either body; n and u1 in body 1, m and u2 in
+    body 2. The direction of psi = 0 is not part of it.
     """
 
     n: Float64Array  # axis in body 1's axes, unit
@@ -51,16 +51,16 @@ class Hinge(NamedTuple):
         return self._with_shifted_point(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
 
     def in_gauge(self, gauge: str) -> Hinge:
-        """Return the hinge with the point of its axis that the gauge names."""
+        """Return the hinge with the point of its axis that the gauge names, "closest_to_R1" or "closest_to_R2"."""
         return self._with_shifted_point(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
 
     def _with_shifted_point(self, slide: float) -> Hinge:
-        """Return the hinge with its point shifted along the axis [m]."""
+        """Return the hinge with its point shifted along the axis by `slide` [m]."""
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
         """Return the hinge after a step of the nine parameters of the fit: rotations of n (2) and of m (2) [rad]
-        about directions across each axis, the shift of u1 (3) and that of u2 across m (2) [m].
+        about directions across each axis, the shift of u1 (3), and that of u2 across m (2) [m].
 
         Shifts along the axis count once, since only u1 - u2 is seen along it.
         """
@@ -92,7 +92,9 @@ def frame(axis: Float64Array) -> Float64Array:
 
 
 def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """Return the unit vector after a step (2) [rad] across it, given in the first two axes of `frame`."""
+    """Return the unit vector that `axis` becomes by a step of two angles [rad], towards the first and the second axis
+    of `frame(axis)`.
+    """
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
 
@@ -108,9 +110,9 @@ def first_axis_across(n: Float64Array) -> int:
 
 
 def home_of(hinge: Hinge) -> Float64Array:
-    """Return `home`, the rotation matrix (3, 3) of body 2 relative to body 1 at psi = 0: the rotation by the least
-    angle that turns m into n. Where m and n are nearly opposite, a half turn about a coordinate axis of body 2 comes
-    before it.
+    """Return `home`, the rotation matrix (3, 3) of body 2 relative to body 1 at psi = 0, for the axes n and m of a
+    Hinge. It is the rotation by the least angle that turns m into n. If m and n are nearly opposite, a half turn
+    about a coordinate axis of body 2 comes before it.
 
     The motion does not show where psi = 0 is. Where the axes are nearly opposite, noise would choose among the
     rotations by the least angle; after the half turn, about a coordinate axis of body 2, there is only one.
@@ -120,8 +122,8 @@ def home_of(hinge: Hinge) -> Float64Array:
 
 
 def _half_turn_before(hinge: Hinge) -> Float64Array:
-    """Return the matrix (3, 3) of the half turn about a coordinate axis of body 2 that `home` begins with where m
-    and n are nearly opposite. Return the identity elsewhere.
+    """Return the rotation matrix (3, 3) of a half turn about a coordinate axis of body 2 if the axes m and n of the
+    hinge are nearly opposite; otherwise return the identity. `home` begins with this rotation.
     """
     if hinge.n @ hinge.m > _MIN_AXES_COSINE_FOR_SHORTEST_TURN:
         return np.eye(3)
@@ -142,7 +144,8 @@ def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
 
 def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
     """Return the derivatives of the results of a fit (u1, u2, n and the rotation vector of home) with respect to the
-    nine parameters that `Hinge.moved` steps; shape (12, 9).
+    nine parameters that `Hinge.moved` steps; shape (12, 9). `gauge` names the rule for the hinge point along the
+    axis.
 
     The change d of home has `d x n` as the changes of m and n ask for; about n it turns so that home's axis stays
     across m + n. (m here is the axis after the half turn that home may begin with.)
@@ -160,8 +163,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to that of m in body 2, at psi =
-    0.
+    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to that of m in body 2, at psi = 0.
+    `home` is the rotation matrix of body 2 relative to body 1 there.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

@@ -24,7 +24,7 @@ from hingepair.measured.hinge import (
 )
 from hingepair.measured.likelihood import (
     LOSS_DERIVATIVE_FUNCTION_BY_NAME,
-    MAX_FRAME_TURN_SAMPLES,
+    MAX_PSI_ZERO_SHIFT_SAMPLES,
     NUM_HINGE_PARAMETERS,
     EncoderLine,
     Estimate,
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_RESIDUAL_TOLERANCE_TO_RMS = 5.0  # of the report `HingeFit.residuals`
+_RESIDUAL_REPORT_LIMIT_TO_RMS = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
 _MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT = 0.1  # below, a robust loss has made the sample an outlier
 # Samples that a start in closed form, and what is known of the clock offset, are taken from.
 _MAX_CLOSED_FORM_SAMPLES = 65536
@@ -102,11 +102,12 @@ class HingeFit(Shown):
         std: dict of standard deviations: those of u1, u2, n and home have shape (3,); those of noise_position,
             noise_angle and (with `t`) clock_offset are numbers.
         rms_position: rms of `gap` [m]; with a robust loss, weighted by `weights`.
-        rms_angle: rms of `tilt` [rad], weighted in the same way; NaN where body 2 is a point.
-        noise_position: standard deviation of a coordinate of R2 - R1 [m], with the noise of both bodies. It is
-            inaccurate where the noise of the attitudes, times the length of u1 or u2, is much larger.
-        noise_angle: standard deviation of a component of the relative attitude, and so of psi [rad]; NaN where body 2
-            is a point.
+        rms_angle: rms of `tilt` [rad], weighted in the same way; NaN if body 2 is a point (its S was not given).
+        noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
+            noise of both bodies. It is inaccurate if the noise of the attitudes, times the length of u1 or u2, is
+            much larger.
+        noise_angle: standard deviation of the measurement noise in each component of the relative attitude, and so of
+            psi [rad]; it includes the noise of both bodies. It is NaN if body 2 is a point.
         clock_offset: delay of the recording of body 2 [s]: a sample of body 2 with the time stamp s was taken at the
             instant s + clock_offset of body 1's clock. It is None without `t`. Where the motion does not determine
             it, it is 0 and its standard deviation is inf.
@@ -151,12 +152,12 @@ class HingeFit(Shown):
     @property
     def residuals(self) -> Residuals:
         """Return a Residuals report on the hinge constraints E1 and E2 of every sample. The tolerances are five times
-        the rms residuals of the fit, or the tolerances for rounding errors where the fit is not `ok`.
+        the rms residuals of the fit, or the tolerances for rounding errors if the fit is not `ok`.
 
         If the fit is not `ok`, its residuals may be more than noise, so no tolerances are derived from them.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        limits = {name: _RESIDUAL_REPORT_LIMIT_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
         allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
@@ -201,7 +202,7 @@ class HingeFit(Shown):
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
     def _residual_text(self) -> str:
-        """Return the rms residuals as text."""
+        """Return the rms residuals of position and, if known, of the angle as text."""
         if np.isnan(self.rms_angle):
             return f"left: {1e3 * self.rms_position:.3g} mm rms"
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
@@ -236,7 +237,7 @@ class HingeFit(Shown):
         return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
 
     def _sheet(self) -> Sheet:
-        """Return the table that notebooks show: u1, u2, n and home with standard deviations, and the findings."""
+        """Return the Sheet that notebooks show: u1, u2, n and home with standard deviations, and the findings."""
         names = ("u1", "u2", "n", "home")
         rows = [
             (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
@@ -286,9 +287,10 @@ def fit(
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
-    """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions (E1, E5), and return a
-    HingeFit. With `t`, estimate the offset between the clocks of both recordings too. Raise FitError if the samples
-    do not determine a hinge.
+    """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to the recorded motions `body1` and `body2`, two
+    BodyMotions (E1, E5), and return a HingeFit. With `t`, also estimate the offset between the clocks of both
+    recordings, unless `clock_offset` gives it; with `encoder`, readings of a sensor of psi, also estimate its zero
+    and scale. `loss` names the loss function. Raise FitError if the samples do not determine a hinge.
 
     A first estimate in closed form uses the mean relative attitude and six linear equations. A maximum-likelihood
     estimate refines it, assuming (without noise1 and noise2) that the noise of every pose is isotropic and equal in
@@ -302,24 +304,26 @@ def fit(
       magnitude is at least 0.45 times the largest magnitude.
     - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the least angle that turns the
       hinge axis as body 2 has it (its components in body 2's axes) into n (its components in body 1's axes). If these
-      are more than 154 degrees apart, `home` consists of a half turn about a coordinate axis of body 2, followed by
-      the rotation by the least angle. The half turn is about the first of x, y and z along which the component of n
-      is below 0.65 in magnitude.
+      are more than 154 degrees apart, `home` is a half turn about a coordinate axis of body 2, followed by the
+      rotation by the least angle that turns the hinge axis after the half turn into n. The axis of the half turn is
+      x, y or z of body 2: the first of these letters for which the component of n is below 0.65 in magnitude.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
         body2: BodyMotion of body 2 at the same instants, with R and S. If it has only R, it is a point without
             attitude that moves on a circle about the axis. Then home is the identity, and psi is 0 where the
-            direction from the axis to the point is along a coordinate axis of body 1 (projected across n): the first
-            of x, y and z along which the component of n is below 0.65 in magnitude.
+            direction from the axis to the point is that of a coordinate axis of body 1, projected onto the plane
+            perpendicular to n. This is the first of x, y and z along which the component of n is below 0.65 in
+            magnitude.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
             "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole.
             With such a loss, the first estimate is the hinge with which most samples agree, and samples that deviate
             by more than thirty standard deviations are ignored. Outliers affect "cauchy" and "arctan" least.
         gauge: "closest_to_R1" (the hinge point is the point of the axis closest to R1; u1 is perpendicular to n) or
             "closest_to_R2" (the same for R2 and u2).
-        t: instants: seconds, datetime64 or nanoseconds; shape (N,). If they are given, the offset between the clocks
-            of both recordings is estimated as well, as far as the motion determines it. This needs SciPy.
+        t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If given,
+            the offset between the clocks of both recordings is estimated as well, as far as the motion determines it.
+            This needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
         clock_offset: known delay of the recording of body 2 [s], as `HingeFit.clock_offset` defines it; 0 if both
             recordings have one clock. If it is given, it is not estimated. It needs `t`.
@@ -431,9 +435,9 @@ def fit(
 def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
-    """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the
-    point moves; return a HingeFit. Raise ArgumentError where an encoder or noise is given, and FitError where the
-    samples show no circle.
+    """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the point
+    moves; return a HingeFit. The other arguments are those of `fit`, by the same names. Raise ArgumentError if an
+    encoder or noise is given, and FitError if the samples show no circle.
     """
     for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
         if value is not None:
@@ -492,9 +496,10 @@ def _fit_of_point(
 def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None
-    where the clock offset is given as 0 or cannot be determined. Raise FitError where the samples show no circle,
-    ArgumentError for an unusable clock offset.
+    """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None if
+    `clock_offset`, the offset that the user gave, is 0, or if it is None and the offset cannot be determined. `loss`
+    is a function or None for least squares. Raise FitError if the samples show no circle, ArgumentError for an
+    unusable clock offset.
     """
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
@@ -509,9 +514,9 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples. Return None without instants, with `clock_offset` 0, or where body 2
-    has too few samples in a row to be smoothed; raise ArgumentError in the last case if an offset other than 0 is
-    given.
+    """Return the ClockedPoses of the samples. Return None without instants, if `clock_offset` (the offset that the
+    user gave) is 0, or if body 2 has too few samples in a row to be smoothed. In the last case raise ArgumentError if
+    an offset is given.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -524,8 +529,9 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
 
 
 def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
-    """Return the relative poses at the clock offset that the user gave, without derivatives with respect to the
-    offset, since it is not estimated. Raise ArgumentError where fewer than two samples overlap.
+    """Return the RelativePoses at `clock_offset`, the offset that the user gave, without derivatives with respect to
+    the offset, since it is not estimated. `clock` are ClockedPoses. Raise ArgumentError if fewer than two samples
+    overlap.
     """
     there = clock.poses_at(clock_offset)._replace(rates=None)
     if there.samples < 2:
@@ -534,8 +540,8 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
 
 
 def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence that counts the samples that were not used. The list is empty where all were
-    used.
+    """Return a list with one sentence that counts the samples that are false in `used`. The list is empty if all were
+    used. If `clock` is not None, the sentence also names missing samples of body 2 as a reason.
     """
     if used.all():
         return []
@@ -547,10 +553,11 @@ def _estimate(
     samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
     """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
-    estimated clock offset, and a boolean array of the samples used. Raise FitError where the bodies do not rotate
-    relative to each other, ArgumentError for an unusable clock offset.
+    estimated clock offset, and a boolean array of the samples used. `clock_offset` is the offset that the user gave,
+    or None to estimate it. Raise FitError if the bodies do not rotate relative to each other, ArgumentError for an
+    unusable clock offset.
 
-    The ClockedPoses are None where the clock offset is 0. An offset that the motion does not determine is taken as 0.
+    The ClockedPoses are None if the clock offset is 0. An offset that the motion does not determine is taken as 0.
     """
     poses = samples.poses(used)
     check_turning(poses)
@@ -566,9 +573,9 @@ def _estimate(
 def _most_likely(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None where
-    the clock offset is given as 0 or cannot be determined; the offset is 0 then. Raise ArgumentError for an
-    unusable clock offset.
+    """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None, and the
+    offset is 0, if `clock_offset` (the offset that the user gave) is 0, or if it is None and the motion does not
+    determine the offset. `poses` are those without an offset. Raise ArgumentError for an unusable clock offset.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)
@@ -587,8 +594,9 @@ def _most_likely(
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset [s]. It is 0 where `clock_offset`, the offset that the
-    user gave, is not None, and inf where the motion does not determine the offset.
+    """Return the standard deviation of the clock offset [s], from the covariance in `residuals` if the poses have
+    derivatives with respect to the offset. Otherwise return 0 if `clock_offset`, the offset that the user gave, is
+    not None, and inf if it is None.
     """
     if poses.rates is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
@@ -598,8 +606,8 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
 def _encoder_fit(
     line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
-    """Return an EncoderFit: zero, scale and noise of the encoder with standard deviations. The zero is counted
-    from psi = 0 of the fitted hinge.
+    """Return an EncoderFit, zero, scale and noise of the encoder with standard deviations, from the fitted
+    EncoderLine `line`. The zero is counted from psi = 0 of the fitted hinge.
     """
     off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
@@ -622,7 +630,7 @@ def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Arra
     """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by
     central differences. The zero depends on the axes because they determine where psi = 0 is.
     """
-    some = poses.thinned(MAX_FRAME_TURN_SAMPLES)
+    some = poses.thinned(MAX_PSI_ZERO_SHIFT_SAMPLES)
     changes = []
     for step in _AXIS_TURN_FOR_ENCODER_DERIVATIVES * np.eye(NUM_HINGE_PARAMETERS)[:4]:
         ends = []
@@ -635,7 +643,9 @@ def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Arra
 
 
 def _finite_lists(value: Any) -> Any:
-    """Return a number, or nested lists of numbers, for JSON. Numbers that are not finite are replaced by None."""
+    """Return `value`, a number or nested lists of numbers, for JSON. Numbers that are not finite are replaced by
+    None.
+    """
     if isinstance(value, list):
         return [_finite_lists(one) for one in value]
     return value if np.isfinite(value) else None
@@ -651,8 +661,9 @@ def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: 
 
 
 def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:
-    """Return angles [rad] without jumps by 2 pi between successive good samples. The first good angle is in [-pi,
-    pi]. Each angle that is not good differs by at most pi from the last good angle before it.
+    """Return angles [rad] without jumps by 2 pi between successive good samples, which the boolean array `is_good`
+    marks. The first good angle is in [-pi, pi]. Each angle that is not good differs by at most pi from the last good
+    angle before it.
     """
     whole = np.unwrap(psi[is_good])
     whole = whole - 2 * np.pi * np.rint(whole[:1] / (2 * np.pi))

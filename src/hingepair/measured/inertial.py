@@ -98,8 +98,8 @@ class AnchorFit:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
         u2: hinge point from sensor 2, body 2's axes [m]; (3,).
         covariance: covariance matrix of (u1, u2) [m^2]; shape (6, 6). A variance is inf where the motion does not
-            determine the component. The position of the hinge point along the axis is a convention and has no
-            variance. Axes that were given are taken as exact.
+            determine the component. The position of the hinge point along the axis is set by a convention, and the
+            matrix contains no uncertainty of it. If n1 and n2 were given to `fit_anchor`, they are taken as exact.
         bias1: bias of accelerometer 1, as far as the motion determines it [m/s^2]; shape (3,).
         bias2: bias of accelerometer 2 [m/s^2]; shape (3,).
         bias_std: standard deviations of both biases [m/s^2]; shape (2, 3).
@@ -121,8 +121,9 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
-    """Fit the hinge axis to the angular velocities that two gyroscopes record, one on each body, and return an
-    AxisFit. Raise FitError if there are too few samples or neither body turns.
+    """Fit the hinge axis to the angular velocities `omega1_b1` and `omega2_b2` (N, 3) that two gyroscopes record, one
+    on each body, each in its body's axes. Return an AxisFit. `gyroscope_bias` is the expected size of the biases
+    [rad/s]. Raise FitError if there are too few samples or neither body turns.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where a sample
@@ -238,8 +239,9 @@ def fit_anchor(
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
     """Fit the hinge point to the records of two inertial sensors, one on each body, and return an AnchorFit. Each
-    sensor is a gyroscope with an accelerometer. The angular velocities are smoothed first; `gaps` is the longest time
-    without samples that is filled [s]. Raise FitError if there are too few samples or neither body turns.
+    sensor records an angular velocity (`omega1_b1`, `omega2_b2`), which is smoothed first and filled across up to
+    `gaps` seconds without samples, and a specific force (`f1_b1`, `f2_b2`). The hinge axes n1 and n2, if given, fix
+    the point along the axis. Raise FitError if there are too few samples or neither body turns.
 
     The angular velocities are smoothed and differentiated as by `smooth`. The specific forces are used as recorded.
 
@@ -254,8 +256,8 @@ def fit_anchor(
             they are given, the hinge point is the point of the axis that is closest to sensor 1; otherwise it is
             the point of the axis that is closest to both sensors.
         n2: hinge axis in body 2's axes; shape (3,).
-        gaps: longest time without a sample that is filled [s]. Values below 1.5 median time steps count as 1.5
-            median time steps.
+        gaps: longest time without a sample that is filled [s]. A smaller value than 1.5 median time steps counts as
+            1.5 median time steps.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases that `fit_axis` found were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
@@ -337,14 +339,10 @@ def fit_anchor(
 def _point_sentences(
     std: float, lever_length: float, residuals: Float64Array, forces: list[Float64Array]
 ) -> list[str]:
-    """Return a list of sentences that say why the fitted hinge point is not reliable. The list is empty where the
-    point is reliable.
-
-    Args:
-        std: largest standard deviation of a coordinate [m].
-        lever_length: length of the longer lever [m].
-        residuals: differences of the forces' sizes at the hinge point [m/s^2]; (N,).
-        forces: what both sensors feel; (N, 3) each.
+    """Return a list of sentences that say why the fitted hinge point is not reliable, empty if it is. `std` is the
+    largest standard deviation of a coordinate [m], `lever_length` the length of the longer lever [m]. `residuals`
+    (N,) are the differences of the forces' sizes at the hinge point [m/s^2], and `forces` the pair of measured
+    specific forces (N, 3).
     """
     findings = []
     if not std <= MAX_POINT_STD_TO_LEVER_LENGTH * lever_length:
@@ -370,8 +368,9 @@ def _correlation(rest: Float64Array) -> float:
 
 
 def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
-    """Return the instants of a recording [s] (N,), counted from the first, and a list of its vectors, given by
-    name, as float64 arrays (N, 3). Raise ArgumentError for unusable values, ShapeError where the lengths differ.
+    """Return the instants of a recording [s] (N,), counted from the first, and a list of its vectors as float64
+    arrays (N, 3). `named_vectors` is a dict of the arrays by argument name. Raise ArgumentError for unusable values,
+    ShapeError if the lengths differ.
     """
     time, _ = increasing_seconds("t", t)
     columns = _checked_vectors(named_vectors)
@@ -381,8 +380,8 @@ def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tupl
 
 
 def _checked_vectors(named_vectors: dict[str, ArrayLike]) -> list[Float64Array]:
-    """Return the vectors, given by name, as a list of float64 arrays of one shape (N, 3). Raise ShapeError that
-    names the first array of another shape.
+    """Return the vectors of the dict `named_vectors`, by argument name, as a list of float64 arrays of one shape (N,
+    3). Raise ShapeError that names the first array of another shape.
     """
     arrays = [vectors(name, value, 3).astype(np.float64) for name, value in named_vectors.items()]
     for name, array in zip(named_vectors, arrays, strict=True):
@@ -402,15 +401,11 @@ def _point_and_biases(
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Fit the levers (u1, u2) and the biases of both sensors by least squares. Return these unknowns in one array
     (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0.
+    `forces`, `rates` and `rate_derivatives` are lists of two arrays (N, 3), one for each sensor; `bias_stds` (12,)
+    are the expected sizes of the biases.
 
-    Args:
-        forces: specific forces that both sensors measure; (N, 3) each.
-        rates: angular velocities; (N, 3) each.
-        rate_derivatives: derivatives of the angular velocities; (N, 3) each.
-        bias_stds: prior standard deviations of the biases of both accelerometers, then of both gyroscopes; (12,).
-
-    Returns:
-        Shapes (18,), (N,) and (12,). A weight is the standard deviation of a residual divided by that of the bias.
+    The biases are those of both accelerometers, then of both gyroscopes. A weight is the standard deviation of a
+    residual divided by that of the bias.
     """
     count = rates[0].shape[0]
     rng = np.random.default_rng(0)
@@ -440,9 +435,9 @@ def _point_and_biases(
 def _lever_noise_matrix(
     forces: list[Float64Array], gammas: list[Float64Array], u: Float64Array, deviations: list[Float64Array]
 ) -> Float64Array:
-    """Return the matrix (6, 6) that noise of the angular accelerations adds to the normal matrix of the levers `u`
-    = (u1, u2). `gammas` are the matrices of `acceleration_matrices`, `deviations` the standard deviations (N,) of
-    the angular accelerations of each body.
+    """Return the matrix (6, 6) that noise of the angular accelerations adds to the normal matrix of the levers `u` =
+    (u1, u2). Of both bodies, `forces` are the specific forces (N, 3), `gammas` the matrices of
+    `acceleration_matrices`, and `deviations` the standard deviations (N,) of the angular accelerations.
     """
     noise = np.zeros((6, 6))
     for rows, force, gamma, deviation in zip((slice(0, 3), slice(3, 6)), forces, gammas, deviations, strict=True):
@@ -460,9 +455,10 @@ def _derivatives_without_biases(
     prior: Float64Array,
     bias_stds: float | Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the derivatives of the residuals with respect to the parameters, without the part that a change of the
-    biases could explain. They come as an array for the samples (N, k) and one for the priors (b, k); the standard
-    deviations of the biases (b,) come last.
+    """Return the derivatives of the residuals with respect to the k = `num_parameters` parameters, without the part
+    that a change of the b biases could explain: an array for the samples (N, k), one for the priors (b, k), and the
+    standard deviations of the biases (b,). `prior` holds the weights of the priors and `bias_stds` their standard
+    deviations; if all weights are 0, the derivatives are returned as they are.
 
     Args:
         derivatives: of the residuals by the k parameters and b biases, priors of biases last; (N + b, k + b), or
@@ -497,9 +493,10 @@ def _force_residual_function(
     rate_derivatives: list[Float64Array],
     prior: Float64Array | None = None,
 ) -> Linearise:
-    """Return a function that computes residuals (N,), the differences between the sizes of the two forces at the
-    hinge point, and their derivatives (N, 6) with respect to the levers (u1, u2), the argument of the function. With
-    `prior`, biases are further unknowns.
+    """Return a function of the levers (u1, u2) that gives residuals (N,), the differences between the sizes of the
+    two forces at the hinge point, and their derivatives (N, 6). `forces`, `rates` (angular velocities) and
+    `rate_derivatives` are lists of two arrays (N, 3), one for each sensor. With `prior`, the weights of priors,
+    biases are further unknowns.
 
     With priors the biases of both accelerometers and of both gyroscopes are unknowns too; then the shapes are
     (N + 12,) and (N + 12, 18).
@@ -552,9 +549,9 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
 
 
 def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
-    """Return a function that computes residuals (N,), the differences between the sizes of the two angular rates
-    across the axes, and their derivatives (N, 4). The argument of the function is the axes (n1, n2); with `prior`,
-    biases are further unknowns.
+    """Return a function of the axes (n1, n2) that gives residuals (N,), the differences between the sizes of the two
+    angular rates across the axes, and their derivatives (N, 4). `w1` and `w2` are the measured angular velocities (N,
+    3). With `prior`, the weights of priors, biases are further unknowns.
 
     The derivatives are by two turns of each axis across itself. With priors the function is one of (n1, n2, bias1,
     bias2), and the shapes are (N + 6,) and (N + 6, 10).
@@ -583,14 +580,17 @@ def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Ar
 
 
 def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Array:
-    """Return both axes after a step of two rotations each, followed by the biases, if any, after their steps."""
+    """Return the rows of `axes`, both axes and the biases, if any, after a step. The step holds two rotations [rad]
+    of each axis, then the changes of the biases.
+    """
     there = np.stack([tilt_axis(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
     return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
 
 
 def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
     """Return the correlation between changes of the hinge angle, computed from the rates across the axis, and the
-    integrated rate about the axis. It is positive where the signs of n1 and n2 fit each other.
+    integrated rate about the axis. It is positive if the signs of n1 and n2 fit each other. `omega1` and `omega2` are
+    the angular velocities (N, 3) in the axes of their bodies.
 
     Changes are taken over one, four, sixteen ... steps and the largest correlation counts: over few steps noise
     exceeds the change, over many the angle turns around.
@@ -619,9 +619,9 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
 def _fit_from_starts(
     linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution that the best of several starts leads to, and its residuals.
-    `linearise_few`, a residual function on fewer samples than `linearise`, compares the starts. `move` applies a
-    step to the unknowns.
+    """Return the least-squares solution that the best of several starts leads to, and its residuals. `linearise` is a
+    function of the unknowns that returns residuals and derivatives; `linearise_few`, the same on fewer samples,
+    compares the starts. `move` is a function that returns the unknowns after a step.
     """
     tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_TRIAL_STEPS) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
@@ -630,9 +630,9 @@ def _fit_from_starts(
 def _levenberg_marquardt(
     linearise: Linearise, move: Move, start: Float64Array, max_steps: int = _MAX_DESCENT_STEPS
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution that the Levenberg-Marquardt method reaches from a start, and its
-    residuals. `linearise` returns residuals and derivatives at the unknowns; `move` returns the unknowns after a
-    step.
+    """Return the least-squares solution that the Levenberg-Marquardt method reaches from a start in at most
+    `max_steps` steps, and its residuals. `linearise` is a function of the unknowns that returns residuals and
+    derivatives; `move` is a function that returns the unknowns after a step.
     """
     unknowns, (residuals, derivatives) = start, linearise(start)
     cost, damping = float(residuals @ residuals), 1e-3
@@ -665,7 +665,9 @@ def _covariance(
     prior_rows: Float64Array,
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Return the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the parameters
-    that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal matrix.
+    that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal matrix, and
+    `min_signal` the least ratio of the normal matrix to it for a determined direction. `prior_rows` are derivatives
+    of the priors.
 
     Noise in the derivatives adds to the normal matrix, by which parameters come out too small. The matrix without
     that noise says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores

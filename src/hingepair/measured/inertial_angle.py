@@ -78,9 +78,11 @@ def fit_angle(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
-    """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge (see `fit_axis`
-    and `fit_anchor`), and return an AngleFit. `gaps` is the longest time without samples over which rates are
-    integrated [s]. Raise FitError if there are too few samples.
+    """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge, and return an
+    AngleFit. Each sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`,
+    `f2_b2`). n1 and n2 are the hinge axis, u1 and u2 the levers to the hinge point (see `fit_axis` and `fit_anchor`).
+    `gaps` is the longest time without samples over which rates are integrated [s]. Raise FitError if there are too
+    few samples.
 
     Both sensors measure two vectors in the axes of their bodies: the specific force at the hinge point, and the part
     of the angular velocity that is perpendicular to the axis. The directions of such a vector in the axes of both
@@ -97,8 +99,8 @@ def fit_angle(
         n2: hinge axis in body 2's axes; shape (3,).
         u1: vector from sensor 1 to the hinge point, body 1's axes [m]; shape (3,).
         u2: vector from sensor 2 to the hinge point, body 2's axes [m]; shape (3,).
-        gaps: longest time without a sample over which rates are integrated [s]. Values below 1.5 median time steps
-            count as 1.5 median time steps.
+        gaps: longest time without a sample over which rates are integrated [s]. A smaller value than 1.5 median time
+            steps counts as 1.5 median time steps.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
@@ -177,16 +179,8 @@ class _AngleEstimate(NamedTuple):
 
 def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
     """Return ((angles, variances), noise). The angles (N,) [rad] are those about the axis between a vector in body 1
-    (`first`, (N, 3)) and the same vector in body 2 (`second`). Their variances (N,) are inf where the vector is too
-    short. `noise` is the standard deviation of the difference between both sensors' readings.
-
-    Args:
-        first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).
-        second: as body 2 sees it.
-
-    Returns:
-        ((angles, variances), noise): angles [rad] and variances [rad^2], inf where a vector is too short, shape (N,)
-        each; noise, the standard deviation of the difference of both sensors' readings of a component.
+    (`first`, (N, 3), in the axes of `frame`) and the same vector in body 2 (`second`). Their variances (N,) are inf
+    if the vector is too short. `noise` is the standard deviation of the difference between both sensors' readings.
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
     sizes = np.abs(a), np.abs(b)
@@ -207,17 +201,10 @@ def _most_likely_angle(
     bias_std: float,
     piece_starts: NDArray[np.intp],
 ) -> _AngleEstimate:
-    """Fit the hinge angle to measured rates (N,) with a constant bias and to k measured angles (k, N), known up to
-    multiples of 2 pi. Return an _AngleEstimate, which includes the bias.
-
-    Args:
-        t: instants [s]; (N,).
-        rate: of the angle [rad/s]; (N,).
-        rate_noise: standard deviation of the rates [rad/s].
-        angles: by directions, up to whole turns [rad]; (k, N).
-        variances: of these, inf where there is none; (k, N).
-        bias_std: standard deviation of the bias beforehand [rad/s].
-        piece_starts: samples at which the rates begin anew after a gap.
+    """Fit the hinge angle to its measured rates (N,), which have a constant bias, and to k measured angles (k, N),
+    known up to multiples of 2 pi; return an _AngleEstimate. `rate_noise` and `bias_std` are the standard deviations
+    of a rate and of the bias [rad/s], `variances` (k, N) those of the angles, inf if there is none. `piece_starts`
+    are the indices of samples after gaps.
     """
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
@@ -248,8 +235,8 @@ def _most_likely_angle(
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
-    """Return a first estimate of the angle (N,) without jumps by 2 pi: the integrated rates, with their slow drift
-    corrected by the measured angles (k, N). `precision` is the inverse of the variances of these angles.
+    """Return a first estimate of the angle (N,) without jumps by 2 pi, the angles `integrated_rates` (N,) with their
+    slow drift corrected by the measured angles (k, N). `precision` is the inverse of the variances of these angles.
     """
     off = (precision * np.exp(1j * (angles - integrated_rates))).sum(axis=0)
     if not precision.any():
@@ -269,9 +256,9 @@ def _solve_smoother(
     angles: Float64Array,
     bias_std: float,
 ) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
-    """Return the angles (N,) of weighted least squares, their standard deviations (N,), and a pair of the rate's
-    bias and its standard deviation. `steps_of_angle` are measured changes between samples, `angles` (k, N)
-    measured angles.
+    """Return the angles (N,) of weighted least squares, their standard deviations (N,), and a pair of the rate's bias
+    and its standard deviation. `steps_of_angle` are measured changes over the times dt between samples, `angles` (k,
+    N) measured angles, each with weights; `bias_std` is the standard deviation of the bias beforehand.
     """
     from scipy.linalg import solveh_banded
 

@@ -55,7 +55,7 @@ _MAX_PREDICTED_STEP_IN_STDS = 0.1  # likewise of the next step
 _RELATIVE_ROUNDING_STEP = 2.0**-50
 _MAX_BIAS_SAMPLES = 300  # samples that the bias is computed from
 _MIN_BIAS_IN_STDS = 0.1  # below, the bias is left
-MAX_FRAME_TURN_SAMPLES = 100  # samples that tell how the axes of `frame` turned
+MAX_PSI_ZERO_SHIFT_SAMPLES = 100  # samples of poses that tell by how much the zero of psi shifts
 _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
 # Of what noise adds to the normal matrix, from which the clock offset is shown.
 MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0
@@ -82,8 +82,8 @@ LOSS_DERIVATIVE_FUNCTION_BY_NAME: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances of the noise of relative positions, of relative attitudes and of the encoder. Where the user gave
-    standard deviations of single samples, the first two are mean variances.
+    """Variances of the noise of relative positions (`place`), of relative attitudes (`attitude`) and of the encoder.
+    If the user gave standard deviations of single samples, the first two are mean variances.
     """
 
     place: float  # of a component of R2 - R1 [m^2]
@@ -92,8 +92,8 @@ class Noise(NamedTuple):
 
 
 class EncoderLine(NamedTuple):
-    """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle
-    is counted from the `frame` of n in body 1 to that of m in body 2.
+    """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle is
+    counted from the `frame` of n in body 1 to that of m in body 2.
     """
 
     zero: float  # [rad]
@@ -124,9 +124,9 @@ class SampleResiduals(NamedTuple):
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
-        """Return three values: the variance of the relative position [m^2], that of the relative attitude [rad^2],
-        and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) where samples have
-        noise of their own.
+        """Return three values, the variance of the relative position [m^2], that of the relative attitude [rad^2],
+        and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if samples have noise
+        of their own.
         """
         if self.told is None:
             return noise.place, noise.attitude, 0.5
@@ -180,9 +180,9 @@ class SampleResiduals(NamedTuple):
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
     def whitened_rows(self, noise: Noise) -> Float64Array:
-        """Return the whitened derivatives of the residuals with respect to each parameter, and the whitened
-        residuals as the last row; shape (parameters + 1, 5 or 6, M). The parameters are nine of the hinge, the
-        clock offset and two of the encoder.
+        """Return the whitened derivatives of the residuals with respect to each parameter, and the whitened residuals
+        as the last row; shape (parameters + 1, 5 or 6, M). The parameters are nine of the hinge, then, if they are
+        estimated, the clock offset and two of the encoder. `noise` are the variances by which residuals are whitened.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         parameters = NUM_HINGE_PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
@@ -244,16 +244,10 @@ class HingeResiduals(NamedTuple):
 def most_likely_hinge(
     poses: RelativePoses, start: Hinge, loss: Loss | None, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> Estimate:
-    """Estimate the most likely hinge by Gauss-Newton steps; return an Estimate with the noise and the encoder's line.
-    Where `poses_at`, a function of the clock offset, is given, estimate the clock offset too, with `offset` as its
-    first value.
-
-    Args:
-        poses: all samples.
-        start: the hinge that the steps begin with.
-        loss: of a sample; None counts squares.
-        poses_at: function of the clock offset that returns the poses; given where the offset is an unknown too.
-        offset: clock offset that the steps begin with [s].
+    """Estimate the most likely hinge for `poses` by Gauss-Newton steps from the hinge `start`; return an Estimate
+    with the noise and the encoder's line. `loss` gives the derivatives of the loss of a sample; None means least
+    squares. If `poses_at`, a function of the clock offset that returns poses, is given, estimate the clock offset
+    too, from the first value `offset` [s].
     """
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
     some = poses_at(offset, MAX_FIRST_STEP_SAMPLES)
@@ -276,7 +270,7 @@ def most_likely_hinge(
                 zero = (
                     line.zero
                     + float(step[-2])
-                    + frame_turn_angle(some.thinned(MAX_FRAME_TURN_SAMPLES), before, hinge)
+                    + frame_turn_angle(some.thinned(MAX_PSI_ZERO_SHIFT_SAMPLES), before, hinge)
                 )
                 line = EncoderLine(zero, line.slope + float(step[-1]))
             if some.rates is not None:
@@ -297,8 +291,8 @@ def most_likely_hinge(
 def fit_encoder_line(
     poses: RelativePoses, hinge: Hinge, previous_line: EncoderLine | None = None
 ) -> EncoderLine | None:
-    """Fit the line psi = zero + slope * reading of the encoder for a given hinge and return an EncoderLine; None
-    without an encoder. With `previous_line`, only the zero and the sign of the slope are fitted.
+    """Fit the line psi = zero + slope * reading of the encoder for a given hinge; return an EncoderLine, or None if
+    `poses` have no encoder readings. If `previous_line` is given, only the zero and the sign of the slope are fitted.
 
     The sign changes where the axis of the hinge was reversed since.
     """
@@ -313,8 +307,8 @@ def fit_encoder_line(
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
-    """Return the change of psi [rad] that is caused by the rotation of the `frame` axes when the hinge changes
-    from `before` to `after`.
+    """Return the change of psi [rad], at equal `poses`, that is caused by the rotation of the `frame` axes when the
+    hinge changes from `before` to `after`; the median over the poses.
     """
     first, second = (
         np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)]) for hinge in (before, after)
@@ -339,8 +333,8 @@ def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
 def _encoder_line_of_slope(
     psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float
 ) -> EncoderLine:
-    """Return the EncoderLine with a given slope. The zero is a weighted mean over the samples whose own zeros are
-    near the median zero.
+    """Return the EncoderLine with a given slope, fitted to hinge angles psi (N,) and readings (N,). The zero is a
+    weighted mean over the samples whose own zeros are near the median zero.
     """
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
@@ -350,14 +344,17 @@ def _encoder_line_of_slope(
 
 
 def _encoder_residual(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float64Array:
-    """Return psi minus the encoder's angle [rad], within half a turn; 0 where the encoder has no reading."""
+    """Return psi minus the angle that the encoder's line gives for the readings [rad], within half a turn; 0 if the
+    encoder has no reading.
+    """
     off = np.nan_to_num(psi - line.zero - line.slope * reading)
     return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
 
 
 def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine | None) -> Float64Array | float:
     """Return the fraction (N,) of the difference between psi and the encoder's angle that is due to noise of the
-    attitudes and is to be subtracted from psi. Return 0 without an encoder.
+    attitudes, the variance of the attitude divided by the sum of both variances. psi is to be corrected by this
+    fraction of the difference. Return the number 0 if `line`, the EncoderLine, is None or `poses` have no readings.
     """
     if line is None or poses.encoder is None:
         return 0.0
@@ -367,7 +364,8 @@ def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine |
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
     """Return a dict of the standard deviations of the estimated noise of positions ("noise_position") [m] and of
-    attitudes ("noise_angle") [rad].
+    attitudes ("noise_angle") [rad]. `loss` is None for least squares; with a loss, noise was estimated by medians,
+    and the deviations are larger.
     """
     thin = poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
@@ -382,15 +380,10 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 
 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
-    """Return whether the motion determines the clock offset as well as all other parameters. `noise_poses` are poses
-    whose derivatives with respect to the offset are noise alone: the true derivatives must inform far more on the
-    offset than these.
-
-    Args:
-        poses: relative poses with their derivatives with respect to the offset.
-        noise_poses: poses whose derivatives are as large as the noise in the derivatives of `poses`.
-        estimate: the most likely hinge.
-        loss: derivative function of the loss of a sample; None for least squares.
+    """Return whether the motion determines the clock offset as well as all other parameters. `poses` have derivatives
+    with respect to the offset, and those of `noise_poses` are noise alone: the former must inform far more on the
+    offset than the latter. `estimate` is the Estimate of the hinge; `loss` gives the derivatives of the loss, None
+    means least squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
@@ -407,8 +400,9 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
-    """Return the hinge corrected for its bias, which is proportional to the variance of the noise and does not
-    decrease with the number of samples. A hinge with a negligible bias is returned as it is.
+    """Return the Hinge corrected for its bias, which is proportional to the variance of the noise and does not
+    decrease with the number of samples. A hinge with a negligible bias is returned as it is. `poses` are those to
+    which the hinge was fitted.
 
     A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
     the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
@@ -442,7 +436,8 @@ def evaluate_hinge(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> HingeResiduals:
     """Return the HingeResiduals of a given hinge: the residuals and weights of every sample, and the covariance of
-    the hinge's parameters.
+    the hinge's parameters. `loss` gives the derivatives of the loss of a sample, or is None for least squares; `line`
+    is the EncoderLine or None.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -494,8 +489,8 @@ def evaluate_hinge(
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
-    """Return the correlation between the entries of a row and the entries `lag` places later, for the row where it
-    is largest. Return 0 where all rows are zero or too short.
+    """Return the correlation between the entries of a row and the entries `lag` places later, for the row whose
+    correlation is largest. Return 0 if all rows are zero or too short.
     """
     power = (rows * rows).sum(axis=1)
     known = power > 0
@@ -506,8 +501,9 @@ def _lag_correlation(rows: Float64Array, lag: int) -> float:
 
 
 def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
-    """Return (count, lag). `count` neighbouring scores (columns) must be added up for the sums to be uncorrelated.
-    `lag` is 0, or the lag at which scores are still correlated where the recording is too short for long enough sums.
+    """Return (count, lag). `count` neighbouring scores (columns of `scores`) must be added up for the sums to be
+    uncorrelated. `lag` is 0; if the recording is too short for long enough sums, it is the lag at which scores are
+    still correlated.
 
     Sums go over four times the lag at which scores are hardly correlated, but there are at least
     _MIN_NUM_SCORE_SUMS of them.
@@ -524,8 +520,9 @@ def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
 def iterate_residuals(
     poses: RelativePoses, hinge: Hinge, line: EncoderLine | None = None
 ) -> Iterator[tuple[slice, SampleResiduals]]:
-    """Yield the residuals of the hinge constraints E1 and E2 block by block, as pairs of the slice of samples and
-    their SampleResiduals. With `line`, these include the residuals of the encoder.
+    """Yield the residuals of the hinge constraints E1 and E2 for relative poses block by block, as pairs of the slice
+    of samples and their SampleResiduals. If `line`, an EncoderLine, is given, these include the residuals of the
+    encoder.
     """
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
@@ -563,8 +560,9 @@ def iterate_residuals(
 def _normal_equations(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters.
-    J are the whitened derivatives, r the whitened residuals, W the weights.
+    """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters. J
+    are the whitened derivatives, r the whitened residuals, and W the weights of the samples times those of the loss
+    (None means least squares). `line` is the EncoderLine or None.
     """
     total: Float64Array = np.zeros(())
     for own, seen in iterate_residuals(poses, hinge, line):
@@ -597,8 +595,9 @@ def _estimate_noise(
     loss: Loss | None,
     line: EncoderLine | None = None,
 ) -> Noise:
-    """Return the Noise estimated from the residuals: by maximum likelihood without a loss, by medians with one. No
-    variance is smaller than that of rounding. `previous_noise` decides which gross outliers the medians leave out.
+    """Return the Noise estimated from the residuals, by maximum likelihood if `loss` is None, otherwise by medians.
+    No variance is smaller than that of rounding. `previous_noise` or None decides which gross outliers the medians
+    leave out; with `line`, the EncoderLine, the noise of the encoder is estimated too.
 
     The variance of positions is what the gaps show beyond the effect of the attitudes.
     """
@@ -647,19 +646,13 @@ def _estimate_noise(
 def variance_components(
     poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_FISHER_SCORING_STEPS
 ) -> tuple[Noise, Float64Array]:
-    """Return the most likely variances of relative positions and attitudes as a Noise, computed by Fisher scoring,
-    and the covariance (2, 2) of both variances.
+    """Return the most likely variances of relative positions and attitudes as a Noise, and the covariance (2, 2) of
+    both variances. They are computed by at most `max_steps` steps of Fisher scoring from the Noise `start`, with the
+    Noise `minimum` as lower limits, from the residuals that the hinge leaves.
 
     In the eigenvectors of what noise of attitudes adds to the covariance of a gap, residuals are independent, and
     their squares have means that are linear in both variances (Searle, Casella and McCulloch, Variance Components,
     1992, 8.3).
-
-    Args:
-        poses: samples.
-        hinge: the hinge that leaves the residuals.
-        start: variances to start from.
-        minimum: lower limits of the variances.
-        max_steps: largest number of steps of Fisher scoring.
     """
     squares, places, attitudes = [], [], []
     for own, seen in iterate_residuals(poses, hinge):

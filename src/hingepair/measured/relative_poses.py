@@ -25,9 +25,9 @@ _MIN_PAIR_TURN_ANGLE = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
-    """Attitudes and positions of body 2 relative to body 1 over N samples, with the samples' weights and, where
-    known, the derivatives with respect to the clock offset, the noise that the user gave, and encoder readings.
-    Samples are on the last axis.
+    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the samples' weights and, if
+    known, the derivatives with respect to the clock offset (`rates`), the noise that the user gave (`told`), and
+    encoder readings. Samples are on the last axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
@@ -57,8 +57,8 @@ class RelativePoses(NamedTuple):
 def compute_relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
-    """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world: R (N, 3)
-    and S (N, 3, 3), all finite.
+    """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world, positions R1
+    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite. `weights` (N,) are those of the samples.
     """
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
@@ -76,8 +76,8 @@ def compute_relative_poses(
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the least-squares hinge in closed form: the axes n and m that minimise the differences between n and
-    Q m, and for these axes the levers that minimise the gaps at the hinge point (E1).
+    """Return the least-squares Hinge of relative poses in closed form: the axes n and m that minimise the differences
+    between n and Q m, and for these axes the levers that minimise the gaps at the hinge point (E1).
     """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)
@@ -92,8 +92,9 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
 
 
 def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the candidate hinge with the least median residuals (Rousseeuw 1984). Candidates are the closed-form
-    hinge and hinges of random pairs of samples; up to half of the samples may be outliers.
+    """Return the Hinge with the least median residuals among candidates (Rousseeuw 1984). Candidates are the
+    closed-form hinge of the relative poses and hinges of random pairs of samples; up to half of the samples may be
+    outliers.
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.

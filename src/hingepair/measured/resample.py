@@ -32,22 +32,24 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate a recording at other instants `to` and return numbers or a BodyMotion. The result is NaN outside
-    the recording and where it has no sample for longer than `gaps` seconds. Warn of wrapped angles and of doubtful
-    units of time.
+    """Interpolate `values`, arrays or a BodyMotion recorded at instants t, at the instants `to`; return numbers or a
+    BodyMotion. The result is NaN outside the recording, and within times longer than `gaps` seconds without a sample.
+    Warn of wrapped angles and of doubtful units of time.
 
     Between samples, the cubic polynomial through the four nearest samples is evaluated, with an error of order h^4 in
     the time step h. Attitudes are interpolated as rotation vectors relative to the sample before. At an instant of
     the recording the sample itself is returned. Samples that are not finite are skipped. Nothing is extrapolated.
-    Angles must have no jumps by 2 pi (`numpy.unwrap` removes them). Quaternions must be given as a BodyMotion.
+    Angles must have no jumps by 2 pi (`numpy.unwrap` removes them). Give attitudes as a BodyMotion. The
+    components of quaternions in an array are interpolated as numbers, and refused if the sign of a quaternion
+    changes.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
         to: the new instants, of the same clock and in the same form as t; shape (M,).
-        gaps: longest time without a sample that is interpolated across [s]. Values below 1.5 median time steps count
-            as 1.5 median time steps.
+        gaps: longest time without a sample that is interpolated across [s]. A smaller value than 1.5 median time
+            steps counts as 1.5 median time steps.
 
     Returns:
         float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). They are NaN before the first sample, after
@@ -91,8 +93,8 @@ def resample(
 
 
 def _refuse_quaternions_that_flip(values: Float64Array) -> None:
-    """Raise ArgumentError where the values are unit quaternions (N, ..., 4) and the sign of a quaternion changes from
-    one sample to the next.
+    """Raise ArgumentError if the values are unit quaternions (N, ..., 4) and the sign of a quaternion changes from
+    one sample to the next. Other values are accepted as they are.
 
     Neighbours of a smooth rotation have a positive scalar product unless the sign was changed: q and -q are one
     attitude, but the numbers between them are none.
@@ -114,8 +116,8 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
 
 
 def _wrapping_suspicions(values: Float64Array) -> list[str]:
-    """Return a list with one sentence on the first column that jumps like a wrapped angle, by 2 pi or by 360. The
-    list is empty where no column does.
+    """Return a list with one sentence on the first column of `values` that jumps like a wrapped angle, by 2 pi or by
+    360. The list is empty if no column does.
     """
     for index in np.ndindex(values.shape[1:]):
         for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
@@ -131,9 +133,9 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Return columns, or rotation matrices if `rotations`, interpolated at other instants `to`. They are NaN
-    before and after the recording and where it has no sample for longer than `gaps` seconds. The instants `t` are
-    increasing.
+    """Return columns, or rotation matrices if `rotations`, recorded at increasing instants t and interpolated at
+    other instants `to`. They are NaN before and after the recording, and within times longer than `gaps` seconds
+    without a sample.
     """
     result = np.full((to.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
@@ -161,9 +163,8 @@ def _interpolated_columns(weights: Float64Array, near: Float64Array) -> Float64A
 
 
 def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return rotations (N, 3, 3) interpolated between neighbouring rotations (N, k, 3, 3) with the given weights
-    (N, k), in the rotation vectors relative to one neighbour. Where a weight is 1, that neighbour itself is
-    returned.
+    """Return rotations (N, 3, 3) interpolated between neighbouring rotations (N, k, 3, 3) with the given weights (N,
+    k), in the rotation vectors relative to one neighbour. If a weight is 1, that neighbour itself is returned.
     """
     base = neighbours[:, min(1, neighbours.shape[1] - 1)]
     theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ neighbours)

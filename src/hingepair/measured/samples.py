@@ -19,8 +19,9 @@ _MAX_ESTIMATED_TO_GIVEN_NOISE = 1.5  # standard deviations, or the reverse
 
 
 class Samples(NamedTuple):
-    """Checked arrays of one length N: the recorded poses of both bodies, which of them can be used, instants,
-    weights, encoder readings, and the noise that the user gave.
+    """Checked arrays of one length N: the recorded poses of both bodies (R1, S1, R2, S2), which of them can be used
+    (`known1`, `known2`), instants, weights, encoder readings, and the noise that the user gave (`told`,
+    `told_noise`). `is_point` says that body 2 has no attitudes.
     """
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
@@ -37,8 +38,8 @@ class Samples(NamedTuple):
     encoder: Float64Array | None  # shape (N,)
 
     def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
-        """Return the RelativePoses of the samples for which `is_used` is true. Both bodies are taken at equal time
-        stamps, without a clock offset.
+        """Return the RelativePoses of the samples for which the boolean array `is_used` is true. Both bodies are
+        taken at equal time stamps, without a clock offset.
         """
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
@@ -49,8 +50,8 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a list of sentences where the estimated noise differs by more than half from the noise that
-        `noise1` and `noise2` of `fit` state. The list is empty where it does not.
+        """Return a list of sentences, one for the positions or the attitudes if the estimated `noise` differs by more
+        than half from the noise that `noise1` and `noise2` of `fit` state. The list is empty if neither does.
         """
         if self.told_noise is None:
             return []
@@ -75,11 +76,8 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit` and return them as Samples, arrays of one length. Raise ArgumentError that names
-    the first argument that cannot be used.
-
-    Raises:
-        ArgumentError: an argument cannot be used; names it.
+    """Check the arguments of `fit`, given by the same names, and return them as Samples, arrays of one length. Raise
+    ArgumentError that names the first argument that cannot be used.
     """
     arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
     is_point = body2.S is None
@@ -117,8 +115,8 @@ def checked_samples(
 
 
 def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
-    """Return the weights of the samples as an array (num_samples,), all 1 where `weights` is None. Raise
-    ArgumentError where weights are negative or not finite, ShapeError for another shape.
+    """Return the weights of the samples as an array (num_samples,), all 1 if `weights` is None. Raise ArgumentError
+    if weights are negative or not finite, ShapeError for another shape.
     """
     if weights is None:
         return np.ones(num_samples)
@@ -132,7 +130,7 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
     """Return the encoder's readings as a float64 array without jumps by whole turns. Raise ShapeError for another
-    shape, ArgumentError where fewer than two readings differ.
+    shape, ArgumentError if fewer than two readings differ.
     """
     readings = real_array("encoder", encoder).astype(np.float64)
     if readings.shape != shape:
@@ -146,9 +144,10 @@ def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array
 def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
 ) -> tuple[Float64Array | None, Noise | None]:
-    """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. The rows are the
-    variances of position and of attitude divided by their means, and the fraction of body 1 in the latter. Return
-    (None, None) without noise; raise ArgumentError for unusable noise.
+    """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. `noise1` and `noise2` are
+    pairs of standard deviations of position and attitude. The rows are the variances of position and of attitude
+    divided by their means, and the fraction of body 1 in the latter. Return (None, None) without noise; raise
+    ArgumentError for unusable noise.
     """
     if noise1 is None and noise2 is None:
         return None, None

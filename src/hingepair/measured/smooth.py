@@ -47,16 +47,16 @@ _MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned o
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """The result of `smooth` for a body: the smooth motion with velocities and accelerations, NaN in gaps, standard
-    deviations, the bandwidth, and the correlation of the noise.
+    """The result of `smooth` for a body, which makes it: the smooth motion R, v, a, S, omega and alpha of a
+    BodyMotion, NaN in gaps, with standard deviations, the bandwidth, and the correlation of the noise.
 
     Attributes:
         noise: dict with the keys R, v, a, S, omega and alpha: the standard deviation of one component. For R and S it
             is the noise of the recorded samples [m, rad]. For the derivatives it is the error that this noise causes
             away from ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the
             errors of derivatives are ten to twenty times larger.
-        std: dict with the same keys: the standard deviation of each component at every sample, with the effect of
-            ends and gaps; shape (N, 3) each. For S it is that of a rotation vector [rad].
+        std: dict with the same keys: the standard deviation of each component of the smoothed motion at every sample,
+            with the effect of ends and gaps; shape (N, 3) each. For S it is that of a rotation vector [rad].
         bandwidth: dict with the keys R and S: the frequency [Hz] at which the smoothing halves the amplitude.
         correlation: dict with the keys R and S: the estimated correlation of the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).
@@ -101,8 +101,8 @@ class SmoothedAngle(Frozen):
         noise: dict with the keys psi, psid and psidd: a standard deviation. For psi it is the noise of the recorded
             samples [rad]. For the derivatives it is the error that this noise causes away from ends and gaps; within
             1 / bandwidth seconds of an end or a gap, the error is ten to twenty times larger.
-        std: dict with the same keys: the standard deviation at every sample, with the effect of ends and gaps; shape
-            (N,) each.
+        std: dict with the same keys: the standard deviation of the smoothed values at every sample, with the effect
+            of ends and gaps; shape (N,) each.
         bandwidth: frequency at which the smoothing halves the amplitude [Hz].
         correlation: estimated correlation of the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).
@@ -136,9 +136,10 @@ def smooth(
     gaps: float = 0.05,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
-    """Smooth the recorded motion of a body, or a recorded angle, and return a SmoothedMotion or a SmoothedAngle with
-    first and second time derivatives. `gaps` is the longest time without samples that is filled [s]. Warn of noise,
-    outliers, filtered samples and doubtful units.
+    """Smooth `body`, the BodyMotion of a body or an angle (N,) recorded at instants t, and return a SmoothedMotion or
+    a SmoothedAngle with first and second time derivatives. `bandwidth` [Hz] is found by cross validation if it is
+    None; `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Warn of
+    noise, outliers, filtered samples and doubtful units.
 
     The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
     bandwidth is given, generalised cross validation chooses it. The noise may be white, or correlated from sample to
@@ -155,8 +156,8 @@ def smooth(
             recorded are NaN.
         bandwidth: frequency at which the amplitude is halved [Hz]; much lower frequencies pass, much higher ones are
             removed. By default it is chosen from the data.
-        gaps: longest time without a sample that is filled [s]. Values below 1.5 median time steps count as 1.5
-            median time steps.
+        gaps: longest time without a sample that is filled [s]. A smaller value than 1.5 median time steps counts as
+            1.5 median time steps.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers, as for `fit`:
             "soft_l1", "huber", "cauchy" or "arctan".
 
@@ -204,8 +205,9 @@ def smooth(
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
-    """Smooth the positions and attitudes of a body and return a SmoothedMotion. Warn where noise, outliers or
-    earlier filtering make it doubtful. Raise ArgumentError for a body without attitudes.
+    """Smooth the positions and attitudes of a BodyMotion and return a SmoothedMotion. A bandwidth of None is chosen
+    from the samples, and with `loss`, a function, outliers count little. Warn if noise, outliers or earlier filtering
+    make the result doubtful. Raise ArgumentError for a body without attitudes.
     """
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
@@ -231,9 +233,10 @@ def smoothed_arrays(
     gaps: float,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], dict[str, SmoothedColumns]]:
-    """Smooth positions R (N, 3) and attitudes S (N, 3, 3). Return a dict of the arrays R, v, a, S, omega and
-    alpha, and a dict of the SmoothedColumns of R and S, which hold bandwidths and standard deviations. `gaps` is
-    the longest time without samples that is filled [s].
+    """Smooth positions R (N, 3) and attitudes S (N, 3, 3). Return a dict of the arrays R, v, a, S, omega and alpha,
+    and a dict of the SmoothedColumns of R and S, which hold bandwidths and standard deviations. A bandwidth [Hz] of
+    None is chosen from the samples; `gaps` is the longest time without samples that is filled [s]; with `loss`, a
+    function, outliers count little.
     """
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
@@ -257,8 +260,9 @@ def _smooth_attitudes(
     bandwidth: float | None,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], SmoothedColumns]:
-    """Smooth attitudes (N, 3, 3) in each of `pieces`, the index arrays of the samples between gaps. Return a dict
-    of the arrays S, omega and alpha, and the SmoothedColumns, which hold the bandwidth and standard deviations.
+    """Smooth attitudes S (N, 3, 3) in each of `pieces`, the index arrays of the samples between gaps. Return a dict
+    of the arrays S, omega and alpha, and the SmoothedColumns, which hold the bandwidth and standard deviations. A
+    bandwidth of None is chosen from the samples; with `loss`, a function, outliers count little.
     """
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     base = interpolated(t, S, t, gaps, rotations=True)
@@ -277,9 +281,9 @@ def _smooth_attitudes(
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """Map a path of attitudes to a path in flat space (N, 3). Return the flat path and rotation matrices (N, 3, 3),
-    which convert between steps in body axes and steps in flat space. Each piece starts at 0 with the identity; both
-    are NaN between pieces.
+    """Map a path of attitudes S (N, 3, 3) to a path in flat space (N, 3). Return the flat path and rotation matrices
+    (N, 3, 3), which convert between steps in body axes and steps in flat space. In each of `piece_slices`, slices of
+    samples, the path starts at 0 with the identity; both results are NaN between pieces.
 
     From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
     that, in the axes of the body.
@@ -307,8 +311,9 @@ def _cumulative_products(turns: Float64Array) -> Float64Array:
 def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
-    """Smooth a recorded angle (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. Warn
-    where noise, outliers or earlier filtering make the result doubtful.
+    """Smooth a recorded angle psi (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. A
+    bandwidth of None is chosen from the samples; with `loss`, a function, outliers count little. Warn if noise,
+    outliers or earlier filtering make the result doubtful.
     """
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
@@ -332,9 +337,9 @@ def _smooth_angle(
 
 
 def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays: the samples of each piece between gaps, which are times longer than `gaps`
-    [s] without samples. Pieces too short to be smoothed are left out; raise ArgumentError, which names the
-    argument `name`, where none remains.
+    """Return a list of index arrays, the samples of each piece between gaps, which are times longer than `gaps` [s]
+    without finite values. Pieces too short to be smoothed are left out; raise ArgumentError, which names the argument
+    `name`, if none remains.
     """
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE_SAMPLES)
@@ -345,7 +350,9 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return a dict of the noise of the samples and of the noise that remains in both derivatives."""
+    """Return a dict by the three given names of the noise of the samples and of the noise that remains in both
+    derivatives.
+    """
     return dict(zip(names, (smoothed.noise, *smoothed.errors[1:].tolist()), strict=True))
 
 
@@ -355,8 +362,9 @@ def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool
 
 
 def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
-    """Return a list of sentences on what the residuals of a smoothing show: earlier filtering, correlated noise,
-    or outliers. The list is empty where they show none of these.
+    """Return a list of sentences, each beginning with `name`, on what the residuals of a smoothing show: earlier
+    filtering, correlated noise, or outliers. The list is empty if they show none of these; outliers are mentioned
+    only if `loss` is None.
     """
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"
@@ -381,8 +389,9 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
 def _noise_suspicions(
     names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
 ) -> list[str]:
-    """Return a list with one sentence that names the derivatives that are mostly noise. The list is empty where
-    none is.
+    """Return a list with one sentence that names the derivatives, among `names`, that are mostly noise. `arrays` and
+    `noise` are dicts of the derivatives and of the standard deviations of their noise. The list is empty if no
+    derivative is mostly noise.
     """
     drowned = []
     for letter in names:

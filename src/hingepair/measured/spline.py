@@ -78,8 +78,9 @@ _NUM_STRETCHES = 8
 
 
 class SmoothedColumns(NamedTuple):
-    """Smoothed columns with their first and second derivatives and standard deviations, the bandwidth, the noise
-    and its correlation, and the share of outliers.
+    """Smoothed columns with their first and second derivatives (`values`) and standard deviations (`deviations`), the
+    bandwidth [Hz], the noise and its correlation, the correlation that is left between neighbours (`left`), whether
+    the bandwidth is the highest possible (`limited`), and the share of outliers (`outlying`).
     """
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
@@ -174,9 +175,9 @@ def smooth_columns(
 
 
 def _outlier_share(squares: Float64Array, column_count: int) -> float:
-    """Return the fraction of the samples whose squared residuals (N,) are outliers. It is 0 where residuals are
-    much smaller in one part of the record than elsewhere, since the large ones are then due to motion that the
-    curve cannot follow.
+    """Return the fraction of samples that are outliers, from their squared residuals (N,), sums over `column_count`
+    columns. It is 0 if residuals are much smaller in one part of the record than elsewhere, since the large ones are
+    then due to motion that the curve cannot follow.
     """
     typical = float(np.median(squares))
     parts = np.array_split(squares, min(_MAX_RECORD_PARTS, max(1, squares.size // _MIN_RECORD_PART_SAMPLES)))
@@ -194,16 +195,10 @@ def _choose_model(
     weights: Float64Array,
     bandwidth: float | None,
 ) -> SmoothingModel:
-    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz], or that with the least generalised
-    cross-validation score where it is None, and the correlation of the noise, estimated from `clean_columns`.
-
-    Args:
-        t: instants [s]; shape (N,).
-        columns: samples; shape (N, k).
-        clean_columns: `columns` with outliers replaced, which tell the correlation.
-        pieces: which samples are smoothed together.
-        weights: of the samples of all pieces.
-        bandwidth: the bandwidth, where it is known.
+    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz], or, if it is None, the one with the
+    least generalised cross-validation score, and the correlation of the noise. The correlation is estimated from
+    `clean_columns`, the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are those of
+    the samples of all pieces.
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
@@ -224,8 +219,9 @@ def _choose_model(
 def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
 ) -> SmoothingModel:
-    """Return the SmoothingModel with the least generalised cross-validation score over the bandwidth, for a given
-    correlation of the noise of neighbouring samples.
+    """Return the SmoothingModel whose bandwidth has the least generalised cross-validation score, for a given
+    correlation of the noise of neighbouring samples. `times` are the instants of each piece, `values` the samples of
+    all pieces (N, k) with their weights.
     """
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
@@ -258,16 +254,16 @@ def _cross_validated_model(
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays: the parts of a piece without missing samples, since a spectrum needs even
-    steps.
+    """Return a list of index arrays: the parts of a piece, itself an index array, without missing samples, since a
+    spectrum needs even steps.
     """
     steps = np.diff(t[piece])
     return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * np.median(steps)) + 1)
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
-    """Return the correlation of the noise of neighbouring samples, estimated from the spectrum of each piece, (N, k)
-    each. Return 0 where the noise may be white.
+    """Return the correlation of the noise of neighbouring samples, estimated from the spectra of `pieces`, arrays (N,
+    k) of samples at even steps. Return 0 if the noise may be white.
 
     The spectrum is taken for that of a motion that falls with the tenth power of the frequency, and of noise.
     """
@@ -427,8 +423,9 @@ class SmoothingSpline:
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None where it
-    is so already. `step` is the usual time step [s], to which `correlation` refers.
+    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None if it is so
+    already. `times` are the instants of each piece, and `step` is the usual time step [s], to which `correlation`
+    refers. The variances are inverse to `weights` (None for equal ones).
     """
     from scipy.sparse import diags_array
 
