@@ -61,8 +61,8 @@ FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 
 def load_named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
     """Return the HingePair or PlanarPair of a scene file, or the HingePair of a hinge of a robot. `source` is a scene
     file, a robot's name or a URDF file; `joint` is the name of the hinge, None for a scene file. Two further
-    arguments, for a hinge only, are the names of the links whose frames become those of body 1 and body 2; None means
-    the joint's own links. Raise an ArgumentError for a missing or superfluous `joint`.
+    positional arguments, for a hinge only, are the names of the links whose frames become those of body 1 and body 2;
+    None means the joint's own link. Raise an ArgumentError for a missing or superfluous `joint`.
     """
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))

@@ -336,8 +336,8 @@ def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
 
 
 def _print_notes(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
-    """Print each note on a line, and a last line that says that the file `out` was written, or, if `out` is None,
-    that none was.
+    """Print each note, a sentence, on a line of the console, and a last line that says that the file `out` was
+    written, or, if `out` is None, that nothing was.
     """
     for note in notes:
         screen.print(f"note: {note}")

@@ -37,8 +37,8 @@ _WAY_POINT_LIMIT_KEYS: Final = ("speed", "acceleration")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionsOfTime:
-    """Functions of t that keys of a scene's table define, in the order of `names`: SymPy expressions, exact numbers
-    or way points.
+    """Functions of t that the keys `names` of a scene's `table` define. `functions` are SymPy expressions, exact
+    numbers or WayPoints, in the same order.
 
     Attributes:
         names: the keys of the table that they came from.
@@ -107,7 +107,8 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair whose coordinates are functions of t. `part` evaluates them at some instants of a scene.
+    """Motion of a pair at the instants `t` whose coordinates are `functions` of t, with the Euler `sequence` of body
+    1. `part` evaluates them at some of the instants.
 
     Attributes:
         t: instants [s].
@@ -191,8 +192,8 @@ def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
 
 
 def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
-    """Return the function of t that a key defines: a SymPy expression, an exact SymPy number or WayPoints. Raise a
-    SceneError for any other value.
+    """Return the function of t that a key of a Table defines: a SymPy expression, an exact SymPy number or WayPoints.
+    Raise a SceneError for any other value.
     """
     match table.values.get(key):
         case str() as text:

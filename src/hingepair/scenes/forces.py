@@ -176,8 +176,8 @@ def _force_noise(
 ) -> tuple[dict[str, Float64Array], str]:
     """Return (deviations, note): the standard deviation that noise of the log causes in each force, a dict of arrays
     by name, and a sentence on that noise. It is found by adding random noise of the estimated size to `motion`, a
-    KnownMotion with accelerations, and comparing its forces with `force_arrays`. `derived_names` are the rates found
-    by finite differences.
+    KnownMotion of the pair with accelerations, and comparing its forces under `gravity` with `force_arrays`.
+    `derived_names` are the rates found by finite differences.
     """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ACCURACY_ORDER)

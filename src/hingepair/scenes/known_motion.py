@@ -44,8 +44,9 @@ _ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
-    """Motion of a pair at some instants, given by its seven coordinates (four in the plane) and their known
-    derivatives. Values that do not change are floats.
+    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane): `derivatives` is (q[,
+    qd[, qdd]]), tuples of arrays, or floats for values that do not change. `sequence` is the Euler sequence of body
+    1.
 
     Attributes:
         count: number of instants.
@@ -185,8 +186,8 @@ class MotionByCoordinates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByBody1:
-    """Motion of a pair at some instants, given by the motion of body 1 in space (a BodyMotion), the hinge angle and
-    their known derivatives.
+    """Motion of a pair at some instants, given by `body1`, the motion of body 1 in space (a BodyMotion), and `hinge`,
+    the tuple of the arrays psi and, as far as known, psi' and psi''.
 
     Attributes:
         body1: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is.
@@ -266,8 +267,8 @@ class MotionByBody1:
         return self
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 as a dict of arrays. If first derivatives are known, add omega1, omega2, psid and W1,
-        the size [rad/s] relative to which errors of omega1 are measured.
+        """Return R1, S1, R2, S2 of a pair as a dict of arrays. If first derivatives are known, add omega1, omega2,
+        psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if not self.level:
             return self.forward_kinematics(pair, _POSE_OUTPUT_NAMES).arrays()

@@ -689,6 +689,7 @@ def _is_of_mechanism(tables: Table) -> bool:
 
 
 def _read_pair(tables: Table) -> HingePair | PlanarPair:
+    """Return the pair of a scene's top-level Table. Raise a SceneError if that is the scene of a mechanism."""
     if _is_of_mechanism(tables):
         tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
     return read_pair(tables.table("pair"), tables.flag("planar"))
@@ -731,6 +732,7 @@ def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 
 def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
+    """Return the scene file `path`, and the URDF file and the log that its top-level Table names, if any."""
     named = (("mechanism", "urdf"), ("motion", "file"))
     files = [tables.table(table, required=False).values.get(key) for table, key in named]
     return (path, *(path.parent / file for file in files if isinstance(file, str)))

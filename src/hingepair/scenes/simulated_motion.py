@@ -251,7 +251,7 @@ def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) 
 
 def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
-    in the Table [motion]. Those of a PlanarPair are x, y, phi. Raise a SceneError for bad coordinates.
+    in the Table [motion]; for a PlanarPair these are x, y, phi. Raise a SceneError for bad coordinates.
     """
     names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])

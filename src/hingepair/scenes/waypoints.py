@@ -37,8 +37,8 @@ _JUMP_AND_LIMIT_REL_TOLERANCE: Final = 1e-9  # relative: smaller jumps and exces
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
-    """Piecewise polynomial function of time through way points. It is constant before the first and after the last
-    break.
+    """Piecewise polynomial function of time through way points, with the `breaks` between polynomials and their
+    `coefficients`. It is constant before the first and after the last break.
 
     Attributes:
         breaks: where one polynomial ends and the next begins; shape (m,) s.

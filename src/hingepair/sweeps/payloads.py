@@ -247,8 +247,8 @@ def payload_variant_computer(
 ) -> PayloadVariantComputer | None:
     """Return a PayloadVariantComputer of variants of a MechanismScene that differ in masses, centres of mass or
     principal inertias of payloads only; None if `keys`, paths of the varied numbers in the scene file, lead to
-    anything else. `unloaded_robot` is the Mechanism without payloads, `outputs` names the outputs to compute, None
-    for all of the scene.
+    anything else. `unloaded_robot` is the Mechanism without payloads, `mechanism_table` the scene's Table
+    [mechanism], and `outputs` names the outputs to compute, None for all of the scene.
 
     Args:
         scene: scene as its file describes it.

@@ -157,6 +157,7 @@ def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
 
 
 def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
+    """Return the column name suffixes of an array's components, such as _x or _xy; one empty text for shape ()."""
     letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(shape)]
     return [f"_{text}" if text else "" for text in letters]
 

@@ -79,7 +79,8 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SweepTask:
-    """Part of a sweep that is sent to workers, as plain text and names: scene, varied keys, outputs and reductions.
+    """Part of a sweep that is sent to workers: `path` of the scene file, its `tables` as JSON text, `keys` of the
+    varied numbers, and names of `outputs` (None for all of the scene) and `reductions`.
 
     Attributes:
         path: path of the scene file.
@@ -274,7 +275,9 @@ def _compute_on_threads(
     import dask
 
     def compute_and_store(chunk_index: int) -> None:
-        """Compute one chunk, and call `store_chunk` with its columns."""
+        """Compute the chunk with the index `chunk_index`, and call `store_chunk` with the index and the chunk's
+        columns.
+        """
         first = chunk_index * sweep.chunk
         store_chunk(
             chunk_index, compute_chunk(sweep.task, chunk_index, first, sweep.numbers[first : first + sweep.chunk])
@@ -363,8 +366,8 @@ def compute_chunk(
 ) -> dict[str, NDArray[Any]]:
     """Compute the variants of one chunk of a sweep, and return a dict of arrays by column name, one row for each
     variant. `task` is the SweepTask, `numbers` the values of the varied numbers, shape (variants, numbers), and
-    `first_variant` the index of the first variant in the sweep. Raise an ArgumentError that names the chunk, the
-    variant that cannot be computed, and its numbers.
+    `first_variant` the index of the first variant in the sweep. `chunk_index` is used in messages only. Raise an
+    ArgumentError that names the chunk, the variant that cannot be computed, and its numbers.
 
     Args:
         task: what to compute for each variant.
@@ -402,9 +405,10 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time, and yield a dict of arrays by column name for each, of one row. `numbers` are
-    the values of the varied numbers, shape (variants, numbers), and `first_variant` is the index of the first variant
-    in the sweep. Raise an ArgumentError that names the chunk and the variant that cannot be computed.
+    """Compute variants one at a time with a VariantComputer, and yield a dict of arrays by column name for each, of
+    one row. `task` names the columns, `numbers` are the values of the varied numbers, shape (variants, numbers), and
+    `first_variant` is the index of the first variant in the sweep. Raise an ArgumentError that names the chunk and
+    the variant that cannot be computed.
     """
     for i, row in enumerate(numbers):
         try:

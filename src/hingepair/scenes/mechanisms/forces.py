@@ -110,8 +110,9 @@ class MechanismSceneForces(Record):
 
 
 class JointLogNoise(NamedTuple):
-    """Joint samples of a log, from which the noise of the log and the effect of the noise on joint efforts are
-    estimated.
+    """Joint samples of a log of a `robot` at instants `t`, from which the noise and its effect on joint efforts are
+    estimated: `middle`, the motion at the middle instants, `moving`, the joints with a column, and `derived`, the
+    rates found by finite differences.
 
     Attributes:
         robot: the mechanism.
@@ -166,9 +167,9 @@ def mechanism_scene_forces(
     record: Mapping[str, Any],
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
-    """Return the MechanismSceneForces that `known_motion`, a KnownJointMotion of a robot with accelerations,
-    requires. `record` has t and the other arguments of a Record. `noise` is a JointLogNoise that estimates the effect
-    of the noise of a log, or None.
+    """Return the MechanismSceneForces that `known_motion`, a KnownJointMotion of a robot with accelerations, requires
+    under the vector `gravity`. `record` has t and the other arguments of a Record. `noise` is a JointLogNoise that
+    estimates the effect of the noise of a log, or None.
 
     Args:
         robot: the mechanism.

@@ -55,7 +55,8 @@ class JointCoordinates(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a mechanism's joints, their known derivatives and the motion of its base, at some instants.
+    """Coordinates of a mechanism's joints (`names`) at `count` instants: `derivatives` is (q[, qd[, qdd]]), tuples
+    with one array or float per joint, and `base` the BodyMotion of the base or None.
 
     Attributes:
         names: names of the joints, in order.
@@ -117,8 +118,8 @@ class JointMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Joint coordinates given by functions of t at a scene's instants. A joint without a function stays at its rest
-    position.
+    """Joint coordinates given by `functions` of t at the instants `t` of a scene. A joint of `names` without a
+    function stays at its rest position, which `rests` has by name.
 
     Attributes:
         t: instants [s].
@@ -148,7 +149,8 @@ class JointFunctions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Joint coordinates and their known derivatives at the instants of a log.
+    """Joint coordinates and their known derivatives at all instants of a log: `derivatives` is (q[, qd[, qdd]]),
+    tuples with one array or float per joint.
 
     Attributes:
         derivatives: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change.
@@ -173,7 +175,8 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """Motion of a mechanism's base, given by functions of t for its position and Euler angles.
+    """Motion of a mechanism's base, given by `functions` of t for its position and Euler angles, and the Euler
+    `sequence`.
 
     Attributes:
         functions: of x, y, z, phi_x, phi_y, phi_z [m, rad].
@@ -193,7 +196,9 @@ class BaseMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """Motion of a mechanism's joints and base at the instants of a scene, with its origin and notes for reports.
+    """Motion of a mechanism's joints and base at the instants `t` of a scene: `source` gives the coordinates of the
+    joints at some instants, `base` is the BaseMotion or None, `moving` the names of the moving joints, and `notes`
+    are sentences for reports.
 
     Attributes:
         t: instants [s].

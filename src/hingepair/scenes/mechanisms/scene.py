@@ -217,6 +217,7 @@ class MechanismSceneResult(Frozen, Result):
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
+        """Return the names of the attributes and methods that this result can compute, for `dir` and messages."""
         names = (
             *_JOINT_COORDINATE_OUTPUT_NAMES,
             "tau",
@@ -585,8 +586,9 @@ def _needed_quantities(
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """Plan of a mechanism's scene: the number of operations for each group of outputs, and the reasons for work that
-    is skipped. `str` gives it as text.
+    """Plan of a mechanism's scene: `computed`, the number of operations by group of outputs, `still`, the joints that
+    do not move, the derivative orders `order` (needed) and `level` (available), and `base_rests`. `str` gives it as
+    text.
 
     Attributes:
         computed: number of operations by the description of the computed outputs.
