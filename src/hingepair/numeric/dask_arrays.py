@@ -140,9 +140,9 @@ class DaskCollection:
 def _make_computed_result(
     blocks_by_array: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], make_result: Callable[..., Any]
 ) -> Any:
-    """Return the result of a collection that was computed: join the blocks of each array by its entry in
-    `finalizers`, a pair (function, further arguments), and call `make_result` with a dict of the joined arrays by
-    `names`.
+    """Return the result of a collection whose Dask arrays were computed. The blocks of each array are joined by its
+    entry in `finalizers`, a pair (function, further arguments), and `make_result` is called with a dict of the joined
+    arrays by `names`.
     """
     parts = zip(blocks_by_array, finalizers, strict=True)
     arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
@@ -156,9 +156,9 @@ def _make_persisted_result(
     make_result: Callable[..., Any],
     **options: Any,
 ) -> Any:
-    """Return the result of a collection that was persisted: make Dask arrays of the computed blocks in the mapping
-    `graph`, and call `make_result` with a dict of them by `names`. `rebuilders` holds (keys, function, arguments) for
-    each array; keyword arguments are passed to its function.
+    """Return the result of a collection whose Dask arrays were persisted. Dask arrays are made of the computed blocks
+    in the mapping `graph`, by `rebuilders` of (keys, function, further arguments), and `make_result` is called with a
+    dict of them by `names`. Keyword arguments are passed to the functions.
     """
     from dask.core import flatten
 
@@ -205,8 +205,8 @@ def apply_to_chunks(
 ) -> Returned:
     """Return the result of `method` for `arguments` by name, some of which hold Dask arrays, with lazy Dask arrays in
     it: one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of one sample by
-    argument; arguments without an entry are options. The method is called here with one made-up sample; raise its
-    ArgumentError, or one for an `out` that is not None.
+    argument; arguments without an entry are options. The method, or `template_function` if given, is called once with
+    one made-up sample, whose result shows the shapes. Raise its ArgumentError, or one for an `out` that is not None.
 
     The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
     cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
@@ -440,9 +440,9 @@ def _unwrap_block(nested_block: Any) -> NDArray[Any]:
 def _make_lazy_arrays(
     task: ChunkTask, chunked_arguments: Sequence[_ChunkedArgument], num_axes: int, result_samples: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a dict by name of the lazy Dask arrays that a ChunkTask computes chunk by chunk. `result_samples` are
-    results of one sample by name, which show shapes and dtypes; `num_axes` is the number of axes of the samples.
-    Nothing is computed.
+    """Return a dict by name of the lazy Dask arrays that the ChunkTask `task` computes chunk by chunk from the
+    chunked arguments. `result_samples` are results of one sample by name, which show shapes and dtypes; `num_axes` is
+    the number of axes of the samples. Nothing is computed.
     """
     from dask.array import blockwise
     from dask.array.core import unify_chunks

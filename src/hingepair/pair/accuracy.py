@@ -302,8 +302,8 @@ def _plan_error_bounds(
     }
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on inputs by name, given as components, with error bounds attached. Return the largest error
-        bound among the components of each output, by output name.
+        """Run the plan on `numbers`, its inputs by name as components, with error bounds attached. Return a dict of
+        the largest error bound among the components of each output, by output name.
         """
         bounded = {
             name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
@@ -353,8 +353,8 @@ def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named
 
 
 def _largest(quantity: Any) -> Any:
-    """Return the largest error bound of a number or of a tuple of numbers, at every sample. A plain number counts as
-    exact: its bound is 0.
+    """Return the largest error bound, at every sample, of `quantity`, a number with a bound or a tuple of such
+    numbers. A plain number counts as exact: its bound is 0.
     """
     errors = [
         c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))

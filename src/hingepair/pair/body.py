@@ -48,7 +48,8 @@ def warn_of_dynamics(message: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
-    """A solid box, one of the shapes of a body. Shapes give a body its inertia and its picture.
+    """A solid box, one of the shapes of a body, given by the lengths of its edges (`size`), its `center` and the
+    directions of its edges (`axes`). Shapes give a body its inertia and its picture.
 
     Args:
         size: lengths of the three edges [m], each above zero; shape (3,).
@@ -87,7 +88,8 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A solid cylinder, one of the shapes of a body. Shapes give a body its inertia and its picture.
+    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. Shapes
+    give a body its inertia and its picture.
 
     Args:
         radius: radius of the cylinder, above zero [m].
@@ -128,7 +130,8 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A solid sphere, one of the shapes of a body. Shapes give a body its inertia and its picture.
+    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. Shapes give a body its inertia
+    and its picture.
 
     Args:
         radius: radius of the sphere, above zero [m].
@@ -158,7 +161,8 @@ Shape: TypeAlias = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Body(Frozen):
-    """Mass properties and shapes of one body. Dynamics and exports use them; kinematics do not depend on them.
+    """Mass, centre of mass, inertia and shapes of one body. Dynamics and exports use them; kinematics do not depend
+    on them.
 
     Args:
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute

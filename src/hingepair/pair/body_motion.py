@@ -24,7 +24,8 @@ SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE: Final[Mapping[str, tuple[int, ...]]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class BodyMotion(Frozen):
-    """Position, attitude, velocities and accelerations of one body, at one or many samples, in world axes.
+    """Position R, attitude S, velocities v and omega, and accelerations a and alpha of one body, at one or many
+    samples, in world axes.
 
     The arrays are not copied; the attributes are read-only views of them. Their leading shapes broadcast. Arrays of
     JAX, PyTorch and other libraries are kept as they are, without a check that S holds rotations. A Dask array S is

@@ -46,7 +46,7 @@ class Constants:
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """Return the Constants of a pair: u1 and u2 are the vectors to the hinge point in the axes of body 1 and of body
+    """Return the Constants of a pair. u1 and u2 are the vectors to the hinge point in the axes of body 1 and of body
     2, n is the hinge axis, and home the rotation matrix of body 2 at psi = 0 or None. Raise ArgumentError for an
     unusable argument, AxisError for a zero axis, RotationError if home is not a rotation.
 

@@ -241,8 +241,8 @@ def compute_quantity(
 ) -> Iterable[FloatArray]:
     """Compute the outputs of a DynamicsRequest at all samples, and return them as writable arrays in the order of
     `request.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid, psidd and
-    loads are keyword arguments. The compiled call is cached in `constants.prepared`. Raise ArgumentError for unusable
-    arguments and missing masses; issue a DynamicsWarning for assumed masses.
+    loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is assumed. Raise
+    ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for assumed ones.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.

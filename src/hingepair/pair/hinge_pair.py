@@ -146,8 +146,8 @@ class HingePair(Shown):
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of `method` for keyword arguments that contain Dask arrays, with lazy Dask arrays in it.
-        Nothing is computed. Raise ShapeError if the pair has leading axes.
+        """Return the result of `method` for its arguments, given by keyword and containing Dask arrays, with lazy
+        Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
@@ -165,8 +165,8 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> PairState:
         """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
-        (E1-E10). qd and qdd add velocities and accelerations; `outputs` names the outputs to compute. Results are
-        written into the arrays of the dict `out`, if given.
+        (E1-E10). qd and qdd add velocities and accelerations; `outputs` names the outputs to compute, `sequence` the
+        Euler sequence of body 1. Results are written into the arrays of the dict `out`, if given.
 
         By default, the inputs determine the outputs: q alone gives position and attitude.
 
@@ -377,8 +377,9 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
-        (..., 7, 7) (D6). Raise ArgumentError if a body has no mass properties.
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape (...,
+        7, 7) (D6). `body1` is the BodyMotion of body 1, of which only S is used. Raise ArgumentError if a body has no
+        mass properties.
 
         bias holds the forces and torques that velocities and gravity require.
 
@@ -416,7 +417,8 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
-        (D1-D5). Raise ArgumentError if a body has no mass properties.
+        (D1-D5). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
+        if a body has no mass properties.
 
         Args:
             body1: the motion of body 1; S, omega, a and alpha are used.
@@ -462,8 +464,9 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """Compute the Accelerations of body 1 and of the hinge angle that forces and torques cause (D6). Raise
-        ArgumentError if a body has no mass properties, or if the mass matrix is singular.
+        """Compute the Accelerations of body 1 and of the hinge angle that forces and torques on both bodies and
+        gravity cause (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass properties,
+        or if the mass matrix is singular.
 
         The arrays broadcast against each other. Instead of an array, a force or torque may be the number 0.
 
@@ -513,7 +516,8 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
-        Raise ArgumentError if body 2 has no mass properties; body 1 needs none.
+        `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
+        has no mass properties; body 1 needs none.
 
         The arguments are those of `inverse_dynamics`.
 
@@ -545,8 +549,8 @@ class HingePair(Shown):
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count;
-        raise ArgumentError if body 2 has none.
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
+        body 1. A body 1 without mass properties does not count; raise ArgumentError if body 2 has none.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -578,8 +582,8 @@ class HingePair(Shown):
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). Raise ArgumentError if
-        a body has no mass properties.
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). `body1` is the
+        BodyMotion of body 1. Raise ArgumentError if a body has no mass properties.
 
         The arguments are those of `energy`.
 
@@ -662,7 +666,8 @@ class HingePair(Shown):
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2).
+        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2). `body1` is
+        the BodyMotion of body 1, of which only S is used.
 
         `coordinate_jacobian` computes the Jacobian with respect to qd, the time derivatives of the coordinates.
 
@@ -685,7 +690,8 @@ class HingePair(Shown):
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
         """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that
-        is caused by velocities, shape (..., 6) (E9).
+        is caused by velocities, shape (..., 6) (E9). `body1` is the BodyMotion of body 1, of which S and omega are
+        used.
 
         Jac is the result of `jacobian`.
 
@@ -710,7 +716,7 @@ class HingePair(Shown):
 
     def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
         """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven
-        coordinates q; shape (..., 6, 7) (E8, E2, E4).
+        coordinates q; shape (..., 6, 7) (E8, E2, E4). `sequence` is the Euler sequence of body 1.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -733,7 +739,7 @@ class HingePair(Shown):
         self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
     ) -> FloatArray:
         """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
-        (E9). With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd.
+        (E9). With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd. `sequence` is the Euler sequence of body 1.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -756,8 +762,9 @@ class HingePair(Shown):
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
         """Compute the Sensitivities, a record of the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n
-        and psi (E2, E5-E8). n is scaled to unit length, so the derivative with respect to a change along n is zero.
-        The derivatives of R2 are equal to those of d. Without psid, the derivatives of v2 and omega2 are None.
+        and psi (E2, E5-E8), for the BodyMotion of body 1. n is scaled to unit length, so the derivative with respect
+        to a change along n is zero. The derivatives of R2 are equal to those of d. Without psid, the derivatives of
+        v2 and omega2 are None.
 
         Args:
             body1: the motion of body 1; only S is used, and omega if psid is given.
@@ -791,8 +798,8 @@ class HingePair(Shown):
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7). Give the tolerances as standard deviations or as one covariance (12, 12).
-        Raise ArgumentError if all standard deviations are 0.
+        home cause, to first order (E5, E7), for the BodyMotion of body 1. Give the tolerances as standard deviations
+        or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0.
 
         `hingepair.sample_pairs` draws random pairs with the same
         tolerances, which shows whether the first order is accurate enough.
@@ -856,7 +863,8 @@ class HingePair(Shown):
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, the part of the constraints'
-        second time derivatives that is caused by velocities, shape (..., 5) (E1, E2).
+        second time derivatives that is caused by velocities, shape (..., 5) (E1, E2). `body1` and `body2` are
+        BodyMotions.
 
         `constraint_jacobian` explains gap and tilt and returns G. For motions that the hinge allows, gap'' and tilt''
         are zero; the bias in general is not.

@@ -122,7 +122,9 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PlanarState:
-        """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11).
+        """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11). qd and qdd add
+        velocities and accelerations; `outputs` names the outputs to compute. Results are written into the arrays of
+        the dict `out`, if given.
 
         The inputs determine the outputs: q alone gives position and attitude; qd adds velocities, and qdd adds
         accelerations.
@@ -168,8 +170,9 @@ class PlanarPair(Shown):
         qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
-        Return a dict of arrays by output name.
+        """Compute bounds on the error that rounding can cause in each output of forward_kinematics, whose arguments
+        it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output, at every
+        sample.
 
         The arguments are those of `forward_kinematics`. `HingePair.error_bounds` explains the bounds.
 
@@ -250,7 +253,7 @@ class PlanarPair(Shown):
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the pin (D1-D5).
-        Raise ArgumentError if a body has no mass properties.
+        `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -283,8 +286,9 @@ class PlanarPair(Shown):
     def hinge_wrench(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). Raise
-        ArgumentError if body 2 has no mass properties; body 1 needs none.
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). `gravity`
+        is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties; body 1
+        needs none.
 
         The arguments are those of `inverse_dynamics`.
 
@@ -322,8 +326,9 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """Compute the second time derivatives qdd of the coordinates that forces and torques cause, shape (..., 4)
-        (D6). Raise ArgumentError if a body has no mass properties, or if the mass matrix is singular.
+        """Compute the second time derivatives qdd of the coordinates that forces and torques on both bodies and
+        gravity cause, shape (..., 4) (D6). Raise ArgumentError if a body has no mass properties, or if the mass
+        matrix is singular.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -357,8 +362,8 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Compute the kinetic and potential Energy of the pair (D7). A body 1 without mass properties does not count;
-        raise ArgumentError if body 2 has none.
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). A body 1 without mass
+        properties does not count; raise ArgumentError if body 2 has none.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.

@@ -410,7 +410,9 @@ def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> R
 
 
 def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
-    """Return the ResidualCheck of one residual for all samples, from its ResidualChecks for the chunks."""
+    """Return the ResidualCheck of one residual for all samples, merged from `checks`, its ResidualChecks for the
+    chunks.
+    """
     compared = [check for check in checks if check.samples]
     if not compared:
         return checks[0]
@@ -583,8 +585,8 @@ def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
 
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Return the _ResidualComparison of sizes with tolerances, sample by sample, with the text `basis` on the origin
-    of the tolerances. Sizes are -inf where the motion is not finite.
+    """Return the _ResidualComparison of the arrays `sizes` and `tolerance`, sample by sample, with the text `basis`
+    on the origin of the tolerances. Sizes are -inf where the motion is not finite.
     """
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):

@@ -245,7 +245,7 @@ def result_file(
 
 
 def check_ending(path: Path) -> None:
-    """Raise ArgumentError if the ending of a file name is not one of RESULT_SUFFIXES.
+    """Raise ArgumentError if the ending of the file name `path` is not one of RESULT_SUFFIXES.
 
     Raises:
         ArgumentError: the ending is unknown.

@@ -9,12 +9,13 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 
 class PairState(Results):
-    """The computed outputs of a pair at every sample, in world axes and SI units.
+    """The computed outputs of a pair at every sample, in world axes and SI units. The attributes R2, S2, d, v2,
+    omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
 
-    The attributes are R2, S2, d, v2, omega2, a2 and alpha2 of body 2, R1, S1, v1, omega1, a1 and alpha1 of body 1 if
-    `outputs` named them, and the other outputs of `HingePair.prepare`. They are read-only arrays with the leading
-    axes of the samples; `help(hp.PairState)` lists their shapes and units. An output that was not computed is None.
-    To a type checker, all are arrays, so that `state.R2[-1]` needs no check for None.
+    There are also the attributes R1, S1, v1, omega1, a1 and alpha1 for body 1, computed only if `outputs` names them,
+    and the other outputs of `HingePair.prepare`. All arrays have the leading axes of the samples;
+    `help(hp.PairState)` lists their shapes and units. To a type checker, all attributes are arrays, so that
+    `state.R2[-1]` needs no check for None.
 
     Attributes:
         shape: leading shape of the samples; () for one state.
@@ -111,11 +112,11 @@ class PairState(Results):
 
 
 class PlanarState(Results):
-    """The computed outputs of a planar pair at every sample, in world axes and SI units.
+    """The computed outputs of a planar pair at every sample, in world axes and SI units. The attributes R2, phi2, d,
+    v2, omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
 
-    The attributes are R2, phi2, d, v2, omega2, a2 and alpha2 of body 2. They are read-only arrays with the leading
-    axes of the samples; `help(hp.PlanarState)` lists their shapes and units. An output that was not computed is None.
-    To a type checker, all are arrays.
+    The arrays have the leading axes of the samples; `help(hp.PlanarState)` lists their shapes and units. To a type
+    checker, all attributes are arrays.
 
     Attributes:
         shape: leading shape of the samples; () for one state.

@@ -32,6 +32,8 @@ _MAX_COVARIANCE_DEFECT_TO_LARGEST_VARIANCE = (
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample.
+    `covariance` is that of the pose, `jacobian` the derivatives of the pose with respect to the geometry, and
+    `geometry` the covariance of the geometry.
 
     The pose has six components: R2 [m], and the attitude error [rad], which is the rotation vector, in world axes, of
     the rotation of body 2 away from its attitude without tolerances. The geometry has twelve: u1, u2, n, and the
@@ -71,8 +73,8 @@ class PoseCovariance(Frozen):
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
 
     def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the six components of the pose [m^2, rad^2] that each component of the geometry
-        alone causes: a dict of arrays of shape (..., 6) by name.
+        """Return the variances of the six components of the pose [m^2, rad^2] that the tolerance of each component of
+        the geometry alone causes, as a dict of arrays (..., 6) by the name of the component.
 
         The names are u1_x to u2_z, "axis" for the three components of n together, and home_x to home_z. If the
         components of the geometry are independent, the contributions add up to the diagonal of `covariance`.

@@ -217,8 +217,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates of the three canonical angles of a Sequence for the angular velocity `omega` (E4). `trig` is a
-    tuple of (sin, cos) of the canonical angles, one after the other. The rates are not finite at gimbal lock.
+    """Return the rates of the three canonical angles of a Sequence for the angular velocity `omega` in world axes
+    (E4). `trig` is a tuple of (sin, cos) of the canonical angles, one after the other. The rates are not finite at
+    gimbal lock.
     """
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))

@@ -103,7 +103,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3), which are axis times angle
-    [rad] (E6).
+    [rad] (E6). A Dask array gives a lazy Dask array.
 
     The error of every component is at most 6 u, where u = 2^-53, for angles up to 1e15.
 
@@ -233,7 +233,7 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of quaternions of any length, (w, x, y, z) if `scalar_first` and
     otherwise (x, y, z, w); NaN where a quaternion is not finite. Raise RotationError, which names the argument
-    `name`, if a quaternion is zero.
+    `name`, if a quaternion is zero. A Dask array gives a lazy Dask array.
 
     Raises:
         RotationError: a quaternion is zero.
