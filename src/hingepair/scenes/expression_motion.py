@@ -107,8 +107,8 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair at the instants `t` whose coordinates are `functions` of t, with the Euler `sequence` of body
-    1. `part` evaluates them at some of the instants.
+    """Motion of a pair at the instants `t` whose coordinates are `functions` of t, with body 1's Euler `sequence`.
+    `part` evaluates them at some of the instants.
 
     Attributes:
         t: instants [s].

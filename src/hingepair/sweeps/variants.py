@@ -190,7 +190,8 @@ class VariantComputer:
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
     """Return a dict of the values of the Table [pair] with numbers in place of expressions, except under varied keys,
-    and without the shapes of a body whose inertia is given. `keys` are the paths of the varied numbers.
+    and without the shapes of a body whose inertia is given, unless a shape is varied. `keys` are the paths of the
+    varied numbers.
 
     The shapes of a body whose inertia is in the table do not determine its masses; they are left out unless varied.
     """
