@@ -72,7 +72,7 @@ def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
 
 
 def is_table(value: object) -> TypeGuard[Any]:
-    """Return whether a value is a data frame, of any package: whether its columns have names."""
+    """Return whether a value is a data frame of any package, that is, has named columns."""
     return hasattr(value, "columns") and hasattr(value, "to_numpy")
 
 
@@ -164,7 +164,7 @@ def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
 
 
 def row_norms(rows: Float64Array) -> Float64Array:
-    """Return the Euclidean norms of vectors, shape (..., k), along the last axis; shape (...)."""
+    """Return the Euclidean norms of vectors along the last axis of an array (..., k); shape (...,)."""
     return np.asarray(np.sqrt((rows**2).sum(axis=-1)))
 
 

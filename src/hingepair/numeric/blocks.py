@@ -34,7 +34,9 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
 
 
 def numbers(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return the components of one vector or matrix as Python floats, and of several as `components_of` does."""
+    """Return the components of a single vector (rank 1) or matrix (rank 2, row by row) as a tuple of Python floats.
+    For an array of several, return the result of `components_of`, a tuple of arrays.
+    """
     return tuple(array.ravel().tolist()) if array.ndim == rank else components_of(array, rank)
 
 
@@ -99,12 +101,12 @@ def cosine(x: Component) -> Component:
 
 
 def angle_terms(phi: Components) -> Components:
-    """Return (sin, cos) of several angles, one after the other, as one tuple."""
+    """Return (sin, cos) of each of the angles phi, one after the other, as one tuple."""
     return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
 def turn_terms(phi1: Component) -> Components:
-    """Return (sin, cos) of one angle."""
+    """Return the tuple (sin, cos) of one angle."""
     return sine(phi1), cosine(phi1)
 
 
@@ -129,12 +131,14 @@ def versines(sine: Component, cosine: Component) -> Component:
 
 
 def hinge_cosine(hinge: Components) -> Component:
-    """Return the cosine out of what `hinge_terms` returns."""
+    """Return the cosine from the tuple `hinge` that `hinge_terms` returns."""
     return hinge[2]
 
 
 def _own(x: Component, function: str) -> Component:
-    """Return a function of a value by the value's own method, or by the library that the value is an array of."""
+    """Return the function named `function`, such as "sine", of x, which is computed by the method of x with this
+    name, or if there is none, by the array library of x.
+    """
     method = getattr(x, function, None)
     return array_libraries.apply_function(function, x) if method is None else method()
 
@@ -159,7 +163,9 @@ def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
 
 
 def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
-    """Return an output array in the form that equations return: the array, or a tuple of views of its components."""
+    """Return an output array, whose first `sample_axes` axes are those of the samples, in the form that equations
+    return: the array itself if the output is a scalar, otherwise a tuple of views of its components.
+    """
     rank = array.ndim - sample_axes
     return components_of(array, rank) if rank else array
 

@@ -110,7 +110,9 @@ class Bounded:
         return made
 
     def where_above_0(self, then: float, otherwise: float) -> Self:
-        """Return one number where this is above 0, else another; its bound is infinite where rounding may decide."""
+        """Return a number of this class with the value `then` where this number is above 0, and `otherwise`
+        elsewhere. Its bound is infinite where rounding may decide the sign, and 0 otherwise.
+        """
         unsure = ~(np.abs(self.value) > 2 * self.bound)
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
@@ -152,13 +154,17 @@ class Bounded:
 
     @classmethod
     def _rounding(cls, value: Component, carried: Component) -> Component:
-        """Return half a unit in the last place of a number in the normal range, whichever evaluation gave it."""
+        """Return the largest rounding error of a result, half a unit in its last place; `value` is the computed
+        result and `carried` its error bound. The error is infinite where the result may overflow.
+        """
         size = np.abs(value) + 2 * carried
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod
     def _of_sine(cls, value: Component) -> Component:
-        """Return MAX_SINE_ERROR_ULPS units in the last place of a number between -1 and 1."""
+        """Return the largest error of an evaluated sine or cosine of the size `value`, MAX_SINE_ERROR_ULPS units in
+        the last place.
+        """
         size = np.minimum(np.abs(value) * (1 + 4 * cls.u), 1 - cls.u)
         return in_last_places(MAX_SINE_ERROR_ULPS, size, cls.u)
 
@@ -180,16 +186,18 @@ class BoundedSingle(Bounded):
 
 
 def kind_of(dtype: np.dtype[Any]) -> type[Bounded]:
-    """Return the class of bounded numbers for a dtype."""
+    """Return the class of bounded numbers for a dtype: BoundedSingle for float32, otherwise BoundedDouble."""
     return BoundedSingle if dtype == np.float32 else BoundedDouble
 
 
 def in_last_places(count: float, size: Component, u: float) -> Component:
-    """Return `count` units in the last place of a positive number in the normal range, and 0 at 0."""
+    """Return `count` units in the last place of the positive number `size` in the normal range, for a format with the
+    unit roundoff `u`. The result is 0 where `size` is 0.
+    """
     _, exponent = np.frexp(size)
     return np.where(size == 0, 0.0, np.ldexp(count * u, exponent))
 
 
 def _multiplies_exactly(x: Bounded) -> Any:
-    """Return whether a product with a number is not rounded, since the number is exactly 0, 1 or -1."""
+    """Return whether a product with the number x is not rounded, which is so if x is exactly 0, 1 or -1."""
     return (x.bound == 0) & ((x.value == 0) | (np.abs(x.value) == 1))

@@ -316,7 +316,9 @@ def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
 
 
 def _placeholder_sample(argument: _ChunkedArgument) -> NDArray[Any]:
-    """Return one sample to call a method with: the identity in place of a 3 x 3 matrix, and ones for other shapes."""
+    """Return one made-up sample of a chunked argument, with which a method can be called: the identity for a 3 x 3
+    matrix, and ones for other shapes.
+    """
     sample = np.eye(3) if argument.sample_shape == (3, 3) else np.ones(argument.sample_shape)
     return sample.astype(argument.array.dtype).reshape((1,) * argument.num_sample_axes + argument.sample_shape)
 
@@ -424,7 +426,9 @@ class ChunkTask:
 
 @functools.lru_cache(maxsize=_MAX_CACHED_CHUNK_TASKS)
 def load_chunk_task(pickled: bytes) -> ChunkTask:
-    """Return the task of pickled bytes; equal bytes give the same task, which keeps the kernels that it compiled."""
+    """Return the ChunkTask that the bytes `pickled` describe. It is cached: equal bytes give the same task, which
+    keeps the kernels that it compiled.
+    """
     return ChunkTask(*pickle.loads(pickled))
 
 

@@ -75,7 +75,7 @@ def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
 
 
 def _finite_norms(vectors: Float64Array) -> Float64Array:
-    """Return the Euclidean norms of the vectors (N, 3) that are finite."""
+    """Return the Euclidean norms of the vectors (N, 3), without the norms that are not finite."""
     norms = row_norms(vectors)
     return norms[np.isfinite(norms)]
 

@@ -178,7 +178,9 @@ class Shown:
 
 
 def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
-    """Return a table of names, values and units; of arrays with more than nine numbers it has the shape."""
+    """Return a Sheet with a row of name, value and unit for each pair (name, value) in `values` whose value is not
+    None. An array with more than nine numbers is shown by its shape.
+    """
     rows = ((name, cell_text(value), unit_of(name)) for name, value in values if value is not None)
     return Sheet(title, (("", "value", "unit"), *rows), notes)
 

@@ -39,13 +39,13 @@ class Twofold:
 
 
 def pair_sum(a: HighLow, b: HighLow) -> HighLow:
-    """Return the sum of two numbers of twice the precision."""
+    """Return the sum of two numbers of twice the precision; each number and the result are tuples (high, low)."""
     total, lost = exact_sum(a[0], b[0])
     return normal(total, lost + (a[1] + b[1]))
 
 
 def pair_product(a: HighLow, b: HighLow) -> HighLow:
-    """Return the product of two numbers of twice the precision."""
+    """Return the product of two numbers of twice the precision; each number and the result are tuples (high, low)."""
     high, lost = exact_product(a[0], b[0])
     return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
 
@@ -60,7 +60,7 @@ def pair_quotient(a: HighLow, divisor: Component) -> HighLow:
 
 
 def normal(high: Component, low: Component) -> HighLow:
-    """Return the exact sum of two numbers of which the second is much smaller, as (high, low)."""
+    """Return the exact sum of two doubles, of which `low` is much smaller than `high`, as (high, low)."""
     total = high + low
     return total, (high - total) + low
 

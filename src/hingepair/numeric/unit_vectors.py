@@ -50,7 +50,9 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def direction(v: Components) -> Components:
-    """Return the vector at unit length, each component rounded once; the direction of zero is zero."""
+    """Return a vector, given as a tuple of components, scaled to unit length, each component rounded once. The
+    direction of zero is zero.
+    """
     return tuple(unit.high for unit in polar(v)[0])
 
 

@@ -241,7 +241,7 @@ def norm(vector: ArrayLike) -> Float64Array:
 
 
 def largest(vector: ArrayLike) -> Float64Array:
-    """Return the largest absolute value of the components on the last axis; shape (...,)."""
+    """Return the largest absolute component of each vector on the last axis of an array; shape (...,)."""
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 

@@ -19,7 +19,9 @@ from hingepair.rotations.sequences import find_sequence
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), an array of shape (..., 6, 7) (E8, E2)."""
+    """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), an array of shape (..., 6, 7) (E8, E2).
+    `pair` are the Constants of the pair; of the BodyMotion `body1`, S is used.
+    """
     return _outputs_from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 

@@ -107,7 +107,9 @@ class PlanarPair(Shown):
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
+        """Return the result of `method` for its arguments, given by keyword and containing Dask arrays, with lazy
+        Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
+        """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT, kinematics.planar_columns)
 

@@ -187,7 +187,7 @@ class Record(Result):
         return self._arrays
 
     def unit(self, name: str) -> str:
-        """Return the unit of an array, or of one of its components."""
+        """Return the unit of an array of the record, or of one of its components, as a text."""
         return self._unit(name)
 
     def __getitem__(self, name: str) -> NDArray[Any]:

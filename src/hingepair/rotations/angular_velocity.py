@@ -165,7 +165,9 @@ def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, c
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """Return the rotation vectors, world axes, that turn the attitudes `start` into the attitudes `stop`."""
+    """Return the rotation vectors (..., 3), in world axes, that turn the rotation matrices `start` into the rotation
+    matrices `stop`.
+    """
     return rotation_vector(stop @ np.swapaxes(start, -1, -2))
 
 

@@ -198,12 +198,12 @@ def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit quaternions (w, x, y, z) of rotations, w >= 0; shape (..., 4)."""
+    """Return the unit quaternions (w, x, y, z) of rotation matrices S (..., 3, 3), with w >= 0; shape (..., 4)."""
     return unit_quaternion(_scaled_quaternion(S))
 
 
 def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions scaled to unit length; NaN where one is not finite."""
+    """Return the quaternions of an array (..., 4) scaled to unit length; NaN where one is not finite."""
     with np.errstate(invalid="ignore"):
         return np.stack(direction(components_of(quat)), axis=-1)
 

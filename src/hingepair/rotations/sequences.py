@@ -52,19 +52,27 @@ class Sequence(NamedTuple):
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the columns of the canonical J, from sines and cosines of the canonical angles (E4)."""
+        """Return the entries that are not constant of the columns of the canonical J, as a tuple (E4). `trig` is the
+        tuple of (sin, cos) of the canonical angles, one after the other.
+        """
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
     def angular_velocity(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
-        """Return omega = J phi' (E4), world axes, from the canonical columns of J and rates in letter order."""
+        """Return omega = J phi' (E4) in world axes as a tuple. `canonical_axes` is the result of the method `axes`;
+        the rates phid are in the order of the letters.
+        """
         return self.vector(eq.angular_velocity1(canonical_axes, self.angles(phid)))
 
     def angular_acceleration(self, canonical_axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
-        """Return alpha = J phi'' + J' phi' (E4 differentiated); arguments as for `angular_velocity`."""
+        """Return alpha = J phi'' + J' phi' (E4 differentiated) in world axes as a tuple. `canonical_axes` is the
+        result of the method `axes`; the rates phid and phidd are in the order of the letters.
+        """
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
     def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J in world axes, in the order of the sequence's letters."""
+        """Return the three columns of J in world axes, in the order of the sequence's letters. `canonical_axes` is
+        the result of the method `axes`.
+        """
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
@@ -75,12 +83,16 @@ class Sequence(NamedTuple):
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return canonical columns of J in world axes, in the order of the letters."""
+        """Return the three columns `canonical` of the canonical J (or J'), converted to world axes and to the order
+        of the letters.
+        """
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
     def vector(self, canonical: eq.Vector) -> eq.Vector:
-        """Return an angular velocity or acceleration converted from canonical axes to world axes."""
+        """Return an angular velocity or acceleration (a tuple of three components), converted from canonical axes to
+        world axes.
+        """
         x, y, z = (canonical[i] for i in self.place)
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
