@@ -92,9 +92,9 @@ class Circle(NamedTuple):
 
 
 class CircleFit(NamedTuple):
-    """The most likely circle of a moving point, with the relative poses used, the residuals and weights of every
-    sample, the noise, findings, the covariance of the hinge that follows from the circle, the normal matrix, and
-    the clock offset with its standard deviation.
+    """The most likely Circle of a moving point, with the relative poses used, the residuals (N, 2), weights and
+    outliers (N,) of every sample, the noise [m], findings, the covariance (12, 12) of the hinge that follows from the
+    circle, the normal matrix, whether the fit converged, and the clock offset with its standard deviation [s].
     """
 
     circle: Circle
@@ -262,7 +262,9 @@ def _variance_and_weights(
 
 
 def _result_vector(circle: Circle, gauge: str) -> Float64Array:
-    """Return u1, u2, n and the rotation vector of home, joined to one vector (12,)."""
+    """Return u1, u2, n and zeros for the rotation vector of home, joined to one vector (12,). `gauge` names the rule
+    for the hinge point along the axis.
+    """
     return np.concatenate((*circle.levers(gauge), circle.n, np.zeros(3)))
 
 
@@ -326,8 +328,8 @@ def _circle_findings(
 ) -> list[Finding]:
     """Return a list of findings on a fitted circle: outliers, systematic residuals, a large standard deviation of the
     axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are those of both residuals
-    between neighbouring samples; `covariance` is that of the hinge. Findings that make the hinge unreliable come
-    first.
+    between neighbouring samples, `is_outlier` marks samples, and `covariance` is that of the hinge in the given
+    gauge. Findings that make the hinge unreliable come first.
     """
     findings = []
     if is_outlier.any():

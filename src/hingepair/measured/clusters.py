@@ -197,8 +197,9 @@ def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
     """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
-    one moved; empty if the cluster is rigid. `places` are the marker positions, `distances` (N, M) those from the
-    places on the body, and `cluster_size` is the rms size of the cluster [m].
+    one moved; empty if the cluster is rigid. `places` are the marker positions, `is_seen` is 1 where a marker is
+    seen, `distances` (N, M) are those from the places on the body, and `cluster_size` is the rms size of the cluster
+    [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:

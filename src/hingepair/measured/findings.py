@@ -89,10 +89,10 @@ def judge_hinge(
     has_converged: bool,
     std: dict[str, Float64Array],
 ) -> list[Finding]:
-    """Return a list of findings on a fitted hinge: outliers, a tilting axis, a moving hinge point, large standard
-    deviations, steps that did not converge, and correlated residuals. `std` is a dict of the standard deviations of
-    n, u1 and u2. Findings that make the hinge unreliable come first; after serious outliers or a serious tilt,
-    further checks are left out.
+    """Return a list of findings on a fitted hinge: outliers (marked by `is_outlier`), a tilting axis, a moving hinge
+    point, large standard deviations (`std`, a dict with n, u1 and u2), steps that did not converge, and correlated
+    residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious tilt, further
+    checks are left out.
     """
     every = slice(None, None, -(-poses.samples // _MAX_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
@@ -127,9 +127,9 @@ def judge_hinge(
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
-    """Return a boolean array (N,) that marks outliers, samples whose residuals are far larger than those of most
-    samples. No sample is marked if residuals of neighbouring samples are correlated, or if rounding explains the
-    large residuals.
+    """Return a boolean array (N,) that marks outliers, samples of the relative poses whose residuals are far larger
+    than those of most samples. No sample is marked if residuals of neighbouring samples are correlated, or if
+    rounding explains the large residuals.
     """
     is_outlier = _relative_sizes(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
@@ -142,7 +142,9 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
 
 
 def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
-    """Return the whitened squared residual of each sample (N,), scaled so that the median is that of noise."""
+    """Return the whitened squared residual of each sample (N,), scaled so that the median is that of noise with 5
+    degrees of freedom.
+    """
     return residuals.sizes / max(float(np.median(residuals.sizes)), 1e-300) * CHI2_MEDIAN_BY_DOF[5]
 
 
@@ -155,8 +157,8 @@ def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, sam
 def _outlier_findings(
     residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
 ) -> list[Finding]:
-    """Return a list with one finding on the share of outliers and on whether the loss function reduces their
-    weights. The list is empty without outliers.
+    """Return a list with one finding on the share of outliers, which the boolean array `is_outlier` marks, and on
+    whether the weights in `residuals` are reduced for them. The list is empty without outliers.
     """
     if not is_outlier.any():
         return []
@@ -190,8 +192,8 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
 
 
 def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> str:
-    """Return a sentence that says which joint the motion shows instead of a hinge: two hinges in series, a ball
-    joint, or neither. `tilt` [rad] is the rms tilt between the axes, `tilt_text` states it in words.
+    """Return a sentence that says which joint the relative poses show instead of a hinge: two hinges in series, a
+    ball joint, or neither. `tilt` [rad] is the rms tilt between the axes, `tilt_text` states it in words.
     """
     thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
     vectors = np.linalg.eigh(np.cov(thin.Q))
@@ -211,8 +213,8 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
 
 
 def _common_point_distance(poses: RelativePoses) -> float:
-    """Return the rms distance [m] between a point fixed in body 1 and a point fixed in body 2, for the two points
-    that stay closest to each other.
+    """Return the rms distance [m], over relative poses, between a point fixed in body 1 and a point fixed in body 2,
+    for the two points that stay closest to each other.
     """
     Q = poses.Q.T.reshape(-1, 3, 3)
     rows = np.concatenate((np.broadcast_to(np.eye(3), Q.shape), -Q), axis=-1).reshape(-1, 6)
@@ -275,7 +277,9 @@ class _PointMotion(NamedTuple):
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
-    """Return the weighted rms scatter of angles about their circular mean [rad], but at most 1."""
+    """Return the rms scatter of angles psi (N,) about their circular mean [rad], weighted by `weights` of sum 1, but
+    at most 1.
+    """
     mean = np.hypot(weights @ np.cos(psi), weights @ np.sin(psi))
     about = np.arctan2(weights @ np.sin(psi), weights @ np.cos(psi))
     off = np.abs(2 * np.sin((psi - about) / 2))
@@ -315,6 +319,7 @@ class BodyPoses(NamedTuple):
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     """Return a list with one sentence on a mistake in recorded poses (in units, in the order of axes or of
     quaternions), if a hinge fits far better with this mistake corrected. The list is empty if no mistake is likely.
+    `body_poses` are the BodyPoses as recorded.
     """
     every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_MISTAKE_TRIAL_SAMPLES))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))

@@ -289,8 +289,9 @@ def fit(
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to the recorded motions `body1` and `body2`, two
     BodyMotions (E1, E5), and return a HingeFit. With `t`, also estimate the offset between the clocks of both
-    recordings, unless `clock_offset` gives it; with `encoder`, readings of a sensor of psi, also estimate its zero
-    and scale. `loss` names the loss function. Raise FitError if the samples do not determine a hinge.
+    recordings, unless `clock_offset` gives it; with `encoder`, readings of a sensor of psi, also its zero and scale.
+    `loss` names the loss function, `gauge` the rule for the hinge point along the axis. Raise FitError if the samples
+    do not determine a hinge.
 
     A first estimate in closed form uses the mean relative attitude and six linear equations. A maximum-likelihood
     estimate refines it, assuming (without noise1 and noise2) that the noise of every pose is isotropic and equal in
@@ -498,8 +499,8 @@ def _fit_circle_of_point(
 ) -> tuple[CircleFit, ClockedPoses | None]:
     """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None if
     `clock_offset`, the offset that the user gave, is 0, or if it is None and the offset cannot be determined. `loss`
-    is a function or None for least squares. Raise FitError if the samples show no circle, ArgumentError for an
-    unusable clock offset.
+    is a function or None for least squares; `gauge` names the hinge point on the axis. Raise FitError if the samples
+    show no circle, ArgumentError for an unusable clock offset.
     """
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
@@ -514,9 +515,9 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples. Return None without instants, if `clock_offset` (the offset that the
-    user gave) is 0, or if body 2 has too few samples in a row to be smoothed. In the last case raise ArgumentError if
-    an offset is given.
+    """Return the ClockedPoses of the samples, smoothed with `loss` (None means least squares). Return None without
+    instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too few samples in a row to be
+    smoothed. In the last case raise ArgumentError if an offset is given.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -607,7 +608,8 @@ def _encoder_fit(
     line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
     """Return an EncoderFit, zero, scale and noise of the encoder with standard deviations, from the fitted
-    EncoderLine `line`. The zero is counted from psi = 0 of the fitted hinge.
+    EncoderLine `line`, the relative poses, the covariance in `residuals` and the Noise `noise`. The zero is counted
+    from psi = 0 of the fitted hinge.
     """
     off = line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
@@ -627,8 +629,9 @@ def _encoder_fit(
 
 
 def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by
-    central differences. The zero depends on the axes because they determine where psi = 0 is.
+    """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by central
+    differences at a Hinge and some relative poses. The zero depends on the axes because they determine where psi = 0
+    is.
     """
     some = poses.thinned(MAX_PSI_ZERO_SHIFT_SAMPLES)
     changes = []

@@ -165,8 +165,9 @@ def fit_angle(
 
 
 class _AngleEstimate(NamedTuple):
-    """Estimate of the hinge angle over time and of the constant drift of its rate, with standard deviations, the
-    noise of a measured direction, and the scatter of the directions relative to their noise.
+    """Estimate of the hinge angle over time (`psi`, `std`) and of the constant bias of its rate (`drift`,
+    `drift_std`), with the noise of a measured direction [rad] and the ratio of the scatter of the directions to their
+    noise (`excess`).
     """
 
     psi: Float64Array  # [rad]; (N,)
@@ -258,7 +259,8 @@ def _solve_smoother(
 ) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
     """Return the angles (N,) of weighted least squares, their standard deviations (N,), and a pair of the rate's bias
     and its standard deviation. `steps_of_angle` are measured changes over the times dt between samples, `angles` (k,
-    N) measured angles, each with weights; `bias_std` is the standard deviation of the bias beforehand.
+    N) measured angles; `step_weights` and `angle_weights` are inverse variances, and `bias_std` is the standard
+    deviation of the bias beforehand.
     """
     from scipy.linalg import solveh_banded
 

@@ -101,8 +101,9 @@ class EncoderLine(NamedTuple):
 
 
 class SampleResiduals(NamedTuple):
-    """Residuals of the hinge constraints E1 and E2 and of the encoder at a block of samples, in axes along the
-    hinge, with the quantities from which their covariance is computed.
+    """Residuals of the hinge constraints E1 and E2 (`tilt`, `gap`) and of the encoder (`turn`) at a block of samples,
+    in axes along the hinge, with the relative poses (`q`, `p`), levers and noise from which their covariance is
+    computed, and derivatives with respect to the clock offset (`delayed`).
     """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -210,8 +211,8 @@ class SampleResiduals(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """The most likely hinge, with the noise, the clock offset and the encoder's line that were estimated with it,
-    and whether the estimate converged.
+    """The most likely Hinge (`hinge`), with the Noise, the clock offset [s] and the EncoderLine (`line`) that were
+    estimated with it, and whether the estimate converged.
     """
 
     hinge: Hinge
@@ -226,8 +227,9 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 
 class HingeResiduals(NamedTuple):
-    """Residuals, weights and hinge angles of all samples for a given hinge, the correlation of neighbouring
-    residuals, and the covariance of the hinge's parameters.
+    """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`sizes`), weights and hinge angles of all
+    samples for a given hinge, the correlations of neighbouring residuals (`alike`, `unresolved_lag`), and the
+    covariance of the hinge's parameters.
     """
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
@@ -333,8 +335,8 @@ def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
 def _encoder_line_of_slope(
     psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float
 ) -> EncoderLine:
-    """Return the EncoderLine with a given slope, fitted to hinge angles psi (N,) and readings (N,). The zero is a
-    weighted mean over the samples whose own zeros are near the median zero.
+    """Return the EncoderLine with a given slope, fitted to hinge angles psi (N,) and encoder readings (N,). The zero
+    is a mean, weighted by `weights`, over the samples whose own zeros are near the median zero.
     """
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
@@ -364,8 +366,8 @@ def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine |
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
     """Return a dict of the standard deviations of the estimated noise of positions ("noise_position") [m] and of
-    attitudes ("noise_angle") [rad]. `loss` is None for least squares; with a loss, noise was estimated by medians,
-    and the deviations are larger.
+    attitudes ("noise_angle") [rad], for relative poses and a fitted Hinge. `loss` is None if least squares estimated
+    the noise; otherwise medians did, and the deviations are larger.
     """
     thin = poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
@@ -435,9 +437,9 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
 def evaluate_hinge(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
 ) -> HingeResiduals:
-    """Return the HingeResiduals of a given hinge: the residuals and weights of every sample, and the covariance of
-    the hinge's parameters. `loss` gives the derivatives of the loss of a sample, or is None for least squares; `line`
-    is the EncoderLine or None.
+    """Return the HingeResiduals of a Hinge for relative poses: the residuals and weights of every sample, and the
+    covariance of the hinge's parameters. `noise` are the variances of the poses; `loss` gives the derivatives of the
+    loss of a sample, or is None for least squares; `line` is the EncoderLine or None.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -595,9 +597,9 @@ def _estimate_noise(
     loss: Loss | None,
     line: EncoderLine | None = None,
 ) -> Noise:
-    """Return the Noise estimated from the residuals, by maximum likelihood if `loss` is None, otherwise by medians.
-    No variance is smaller than that of rounding. `previous_noise` or None decides which gross outliers the medians
-    leave out; with `line`, the EncoderLine, the noise of the encoder is estimated too.
+    """Return the Noise estimated from the residuals of relative poses for a Hinge, by maximum likelihood if `loss` is
+    None, otherwise by medians. No variance is smaller than that of rounding. `previous_noise` or None decides which
+    gross outliers the medians leave out; with `line`, the EncoderLine, the noise of the encoder is estimated too.
 
     The variance of positions is what the gaps show beyond the effect of the attitudes.
     """
@@ -686,8 +688,8 @@ def variance_components(
 
 
 def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> Float64Array:
-    """Return the solution of a linear system with a symmetric positive semidefinite matrix. Components of the
-    solution that a singular matrix does not determine are 0.
+    """Return the solution of a linear system with a symmetric positive semidefinite matrix and one or more columns on
+    the right-hand side. Components of the solution that a singular matrix does not determine are 0.
     """
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     solution = np.linalg.lstsq(matrix * scale * scale[:, None], (right_hand_side.T * scale).T, rcond=1e-13)[0]

@@ -122,9 +122,9 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 def _hinges_of_sample_pairs(
     poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return n, m, u1 and u2, (k, 3) each, of the hinges that k pairs of samples determine. `first` and `second`
-    are the indices of the samples of each pair. Pairs between which body 2 turns by less than a degree are left
-    out.
+    """Return n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses determine. `first`
+    and `second` are the indices of the samples of each pair. Pairs between which body 2 turns by less than a degree
+    are left out.
     """
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
     turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))

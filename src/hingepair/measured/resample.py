@@ -133,9 +133,9 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Return columns, or rotation matrices if `rotations`, recorded at increasing instants t and interpolated at
-    other instants `to`. They are NaN before and after the recording, and within times longer than `gaps` seconds
-    without a sample.
+    """Return `values`, columns or (if `rotations`) rotation matrices, recorded at increasing instants t and
+    interpolated at other instants `to`. The result is NaN before and after the recording, and within times longer
+    than `gaps` seconds without a sample.
     """
     result = np.full((to.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
@@ -163,7 +163,7 @@ def _interpolated_columns(weights: Float64Array, near: Float64Array) -> Float64A
 
 
 def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return rotations (N, 3, 3) interpolated between neighbouring rotations (N, k, 3, 3) with the given weights (N,
+    """Return rotations (N, 3, 3) interpolated between `neighbours`, k rotations each (N, k, 3, 3), with weights (N,
     k), in the rotation vectors relative to one neighbour. If a weight is 1, that neighbour itself is returned.
     """
     base = neighbours[:, min(1, neighbours.shape[1] - 1)]

@@ -351,7 +351,7 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
     """Return a dict by the three given names of the noise of the samples and of the noise that remains in both
-    derivatives.
+    derivatives, from the SmoothedColumns `smoothed`.
     """
     return dict(zip(names, (smoothed.noise, *smoothed.errors[1:].tolist()), strict=True))
 
@@ -362,9 +362,9 @@ def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool
 
 
 def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
-    """Return a list of sentences, each beginning with `name`, on what the residuals of a smoothing show: earlier
-    filtering, correlated noise, or outliers. The list is empty if they show none of these; outliers are mentioned
-    only if `loss` is None.
+    """Return a list of sentences, each beginning with `name`, on what the residuals of a smoothing of `samples` to
+    SmoothedColumns show: earlier filtering, correlated noise, or outliers. The list is empty if they show none of
+    these; outliers are mentioned only if `loss` is None.
     """
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"

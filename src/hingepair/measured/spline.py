@@ -99,8 +99,8 @@ class SmoothedColumns(NamedTuple):
 
 
 class SmoothingModel(NamedTuple):
-    """Assumptions of a smoothing: the bandwidth, the correlation of the noise of neighbouring samples, and whether
-    the bandwidth is the highest possible.
+    """Assumptions of a smoothing: the bandwidth [Hz], the correlation of the noise of neighbouring samples, and
+    whether the bandwidth is the highest that the samples allow (`limited`).
     """
 
     bandwidth: float  # [Hz]
@@ -116,14 +116,10 @@ def smooth_columns(
     loss: Loss | None = None,
 ) -> SmoothedColumns:
     """Smooth columns (N, k) with a smoothing spline in each of `pieces` (index arrays), and return SmoothedColumns
-    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation; with `loss`, outliers
-    count little. Raise MissingDependencyError without SciPy.
+    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation; with `loss`, a
+    function, outliers count little, each sample as a whole. Raise MissingDependencyError without SciPy.
 
-    A piece has at least MIN_PIECE_SAMPLES samples, all of them finite. With a loss, outliers count little, each
-    sample as a whole.
-
-    Raises:
-        MissingDependencyError: SciPy is not installed.
+    A piece has at least MIN_PIECE_SAMPLES samples, all of them finite.
     """
     try:
         import scipy.linalg  # noqa: F401
@@ -175,9 +171,9 @@ def smooth_columns(
 
 
 def _outlier_share(squares: Float64Array, column_count: int) -> float:
-    """Return the fraction of samples that are outliers, from their squared residuals (N,), sums over `column_count`
-    columns. It is 0 if residuals are much smaller in one part of the record than elsewhere, since the large ones are
-    then due to motion that the curve cannot follow.
+    """Return the fraction of samples that are outliers, from their squared residuals `squares` (N,), sums over
+    `column_count` columns. It is 0 if residuals are much smaller in one part of the record than elsewhere, since the
+    large ones are then due to motion that the curve cannot follow.
     """
     typical = float(np.median(squares))
     parts = np.array_split(squares, min(_MAX_RECORD_PARTS, max(1, squares.size // _MIN_RECORD_PART_SAMPLES)))
