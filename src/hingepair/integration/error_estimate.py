@@ -73,7 +73,7 @@ class StepSample(NamedTuple):
         return self.t[self.steps], self.t[self.steps + 1]
 
     def expand_to_steps(self, values: Array) -> Array:
-        """Return values of parts as values of all steps."""
+        """Return values of parts as values of all steps, each repeated for the steps of its part."""
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
@@ -162,12 +162,12 @@ class StepErrors(NamedTuple):
         return np.maximum(errors_above_noise(row_norms(self.errors), self.noise), self.undetected)
 
     def select(self, selection: NDArray[Any]) -> StepErrors:
-        """Return the errors of some of the steps, by index or by a mask."""
+        """Return the StepErrors of some of the steps; `selection` is an array of indices or a mask."""
         return StepErrors(*(column[selection] for column in self))
 
 
 def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
-    """Concatenate the errors of several groups of steps."""
+    """Return the StepErrors of several groups of steps as one, in the given order."""
     return StepErrors(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -289,9 +289,9 @@ def _sum_by_sample_interval(
 
 
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Measure the errors of steps from `start` to `stop` [s] by comparison with two or more shorter steps in place of
-    each; return `StepErrors`. The shorter steps are no longer than `duration` / `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`,
-    where `duration` is the whole time of the motion [s].
+    """Measure the errors of the steps of an integral from `start` to `stop` [s] by comparison with two or more
+    shorter steps in place of each; return `StepErrors`. The shorter steps are no longer than `duration` /
+    `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`, where `duration` is the whole time of the motion [s].
     """
     groups = (
         slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
@@ -335,7 +335,9 @@ def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArra
 
 
 def errors_above_noise(errors: Array, noise: Array) -> Array:
-    """Return the sizes of errors that rounding does not explain, and zero for the others."""
+    """Return the sizes of errors, set to zero where they are at most twice the standard deviation `noise`, since
+    rounding explains them.
+    """
     return np.where(errors <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, errors)
 
 

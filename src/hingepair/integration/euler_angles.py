@@ -79,8 +79,8 @@ def euler_to_quaternions(phi: Array) -> Array:
 
 def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
     """Integrate Euler angles from `start`, one step of length h at a time on Python floats, and write the angles
-    after each step into `angles`; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1 or
-    of the world. Stop after the first step with a NaN, which means gimbal lock.
+    after each step into `angles`; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1 if
+    `omega_in_body_axes`, otherwise of the world. Stop after the first step with a NaN, which means gimbal lock.
     """
     phi, step = tuple(start.tolist()), _float_step_function(omega_in_body_axes)
     for k, (w, length) in enumerate(zip(node_omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
@@ -103,7 +103,7 @@ def _float_step_function(omega_in_body_axes: bool) -> Any:
 def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
     """Integrate Euler angles from `start` by the compiled loop, and write the angles after each step of length h into
     `angles`, NaN after gimbal lock; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1
-    or of the world.
+    if `omega_in_body_axes`, otherwise of the world.
     """
     arguments = {"phi": start[None], "omega": node_omega[None], "h": h[None]}
     _runge_kutta_loop(omega_in_body_axes).run(

@@ -103,11 +103,11 @@ class AngleIntegral(_RateIntegral):
         return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
-        """Return the rounding error of the angles at the instants, without that of the steps."""
+        """Return the largest rounding error [rad] of the angles `values` at the instants, without that of steps."""
         return UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
-        """Return the errors of intervals in a form in which they add up: angles do as they are."""
+        """Return the errors of intervals, angles, unchanged, since they add up as they are."""
         return errors
 
 
@@ -196,7 +196,9 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
-        """Return the rounding error of the attitudes at the instants, without that of steps, which turn by `size`."""
+        """Return the rounding error [rad] of the attitudes `values` at the instants, without that of the steps;
+        `size` is the angle [rad] that the steps turn in all.
+        """
         return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:

@@ -142,8 +142,8 @@ def integrate(
 ) -> Any:
     """Integrate the motion of a pair over the instants t from the angular velocity `omega1` of body 1 and the hinge
     rate `psid`, each a constant, samples at t or a callable of t (E12). Return a `Trajectory`, for a PlanarPair a
-    `PlanarTrajectory`. The motion starts from S1_0 (in the plane phi_0) and psi_0. Raise an ArgumentError if the
-    error cannot be kept below `tol`.
+    `PlanarTrajectory`. `frame` names the axes of omega1, "world" or "body". The motion starts from S1_0 (in the plane
+    phi_0) and psi_0. Raise an ArgumentError if the error cannot be kept below `tol`.
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -425,7 +425,7 @@ def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> li
 
 def _check_motion(request: _Request, motion: _Motion) -> None:
     """Raise an ArgumentError if a number of a motion is not finite, or its attitude at the start is no rotation. The
-    error names the argument, not the motion.
+    error names the argument, not the motion. `request` says whether the motion is planar.
     """
     for name, signal in motion.signals.items():
         check_finite_values(name, signal)
@@ -491,8 +491,8 @@ def _stack_results(
 
 
 def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
-    """Return the error estimates of motions as one object, a LazyValues of shape `motions`; where that is (), return
-    the LazyValue of the single motion.
+    """Return the lazy error estimates of motions, a sequence, as one object, a LazyValues of shape `motions`; where
+    that is (), return the LazyValue of the single motion.
     """
     return LazyValues(object_array(motions, errors)) if motions else errors[0]
 
@@ -561,7 +561,9 @@ def _integrate_lazily(
 
 
 def _shape_for_one_motion(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape that an argument has for one motion: `value_shape`, or (1 or instant_count, *value_shape)."""
+    """Return the shape that the argument `value` has for one motion: `value_shape`, or (1 or instant_count,
+    *value_shape).
+    """
     shape = tuple(getattr(unwrap_lazy_xarray(value), "shape", ()))
     if shape == value_shape:
         return value_shape

@@ -42,7 +42,7 @@ def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def quaternion_unit(q: Quaternion) -> Quaternion:
-    """Normalise a quaternion of norm nearly 1 by one Newton step for the inverse square root; return the result."""
+    """Return a quaternion of norm nearly 1 normalised, by one Newton step for the inverse square root."""
     w, x, y, z = q
     f = 1.5 - 0.5 * ((w * w + x * x) + (y * y + z * z))
     return w * f, x * f, y * f, z * f
@@ -150,7 +150,9 @@ class StepRule(NamedTuple):
     rotation: Callable[..., Quaternion]  # of a step, from omega at the nodes and the length of the step
 
     def integral(self, values: Any, h: Any) -> Any:
-        """Integrate values at nodes (steps, nodes, ...) over steps of lengths h; shape (steps, columns)."""
+        """Return the integrals over steps of lengths h of `values` at their nodes (steps, nodes, ...); shape (steps,
+        columns).
+        """
         columns = values.reshape(len(h), len(self.nodes), -1)
         return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
 
@@ -201,5 +203,5 @@ def angle_loop(rule: StepRule) -> Loop:
 
 
 def _weighted(p: Scalar, weight: int) -> HighLow:
-    """Multiply a rate by an integer weight exactly, as a sum of two doubles."""
+    """Return a rate p times an integer weight exactly, as a sum of two doubles."""
     return (p, 0.0) if weight == 1 else exact_product(p, float(weight))

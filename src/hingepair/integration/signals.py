@@ -85,7 +85,7 @@ class CallableSignal:
         return values.reshape(times.shape + self.value_shape)
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return the callable's values at the nodes start + node h of steps; shape (steps, nodes, ...)."""
+        """Return the callable's values at the nodes of steps, the times start + node h; shape (steps, nodes, ...)."""
         return self.values_at(start[:, None] + h[:, None] * np.array(nodes))
 
 
@@ -106,7 +106,7 @@ class SampledSignal:
         self._columns = values.reshape(*motions, len(t), -1)
 
     def values_at(self, _: Array) -> Array:
-        """Return the samples; only their own instants are asked for."""
+        """Return all samples, at their own instants; the times are not used."""
         return self.values
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
@@ -195,7 +195,9 @@ def check_finite_values(name: str, signal: Signal) -> None:
 
 
 def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
-    """Return the leading shape of the motions, and the number of instants, from the shape of samples or a value."""
+    """Return a pair, the leading shape of the motions and the number of instants, from the shape of samples (..., N,
+    *value_shape) or of one value, whose number of instants is 1.
+    """
     leading = shape[: len(shape) - len(value_shape)]
     return leading[:-1], leading[-1] if leading else 1
 
@@ -221,7 +223,9 @@ def stack_signals(signals: Sequence[Signal]) -> Signal:
 
 
 def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return the values of the signals of all motions at their instants t; shape (..., N, *value_shape)."""
+    """Return the values of the signals of all motions at their instants t; shape (..., N, *value_shape). `signals` is
+    an array of Signal objects, one for each motion.
+    """
     rows = [signal.values_at(t) for signal in signals.ravel()]
     return rows[0] if signals.shape == () else np.array(rows).reshape(*signals.shape, len(t), *value_shape)
 

@@ -270,9 +270,9 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
 def _with_reference_error(
     attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, step_count: int
 ) -> _IntegratedValues:
-    """Return quaternions (N, 4) as `_IntegratedValues` with a lazy estimate of their error, the largest angle from a
-    reference solution of small tolerance. The AttitudeIntegral `attitude` computes the reference from the quaternion
-    `start`.
+    """Return quaternions `quats` (N, 4) and the number of steps as `_IntegratedValues` with a lazy estimate of their
+    error, the largest angle from a reference solution of small tolerance. The AttitudeIntegral `attitude` computes
+    the reference from the quaternion `start`.
     """
 
     def error() -> float:

@@ -59,7 +59,8 @@ def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
 
 
 def stamp_error(samples: SampledSignal, deviations: Array) -> float:
-    """Return the error [rad] of an integral over samples that the standard deviations (N,) of their stamps cause.
+    """Return the error [rad] of an integral over the SampledSignal `samples` that the standard deviations (N,) of
+    their time stamps [s] cause.
 
     Where the stamp of an instant has an error, the integral has an error of the rate times it; the changes of the
     rate times the errors of the stamps before add a random walk.

@@ -89,14 +89,14 @@ class _Pieces(NamedTuple):
     errors: tuple[StepErrors, ...]  # by integral
 
     def select(self, selection: NDArray[Any]) -> _Pieces:
-        """Return a copy of some of the pieces, chosen by indices or a mask."""
+        """Return some of the pieces as `_Pieces`; `selection` is an array of indices or a mask."""
         interval, start, stop, sizes, refined, regular = (column[selection] for column in self[:-1])
         errors = tuple(errors.select(selection) for errors in self.errors)
         return _Pieces(interval, start, stop, sizes, refined, regular, errors)
 
 
 def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
-    """Return two records of `_Pieces` as one, with the pieces in the order of time."""
+    """Return two groups of pieces, `first` and `second`, as one `_Pieces` in the order of time."""
     columns = zip(first[:-1], second[:-1], strict=True)
     interval, start, stop, sizes, refined, regular = (np.concatenate(pair) for pair in columns)
     errors = tuple(concatenate_errors(pair) for pair in zip(first.errors, second.errors, strict=True))

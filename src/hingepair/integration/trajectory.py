@@ -40,7 +40,7 @@ class LazyValue:
         self._value = value
 
     def __call__(self) -> float:
-        """Return the number."""
+        """Return the number, computed at the first call."""
         compute = self._compute
         if compute is not None:  # two threads may both compute the number, which is then the same
             self._value = float(compute())
@@ -383,8 +383,8 @@ def describe_instants(t: NDArray[np.float64]) -> str:
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first. They are orthonormal to 4
-    unit roundoffs.
+    """Return the rotation matrices (..., 3, 3) of unit quaternions `quat_wxyz` (..., 4), scalar first. They are
+    orthonormal to 4 unit roundoffs.
     """
     parts = {"q": components_of(quat_wxyz)}
     return tabulate_one(
