@@ -42,8 +42,8 @@ class AngleFit:
     Attributes:
         psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
             missing. At psi = 0 the attitude of body 2 relative to body 1 is the rotation by the least angle that
-            turns n2 into n1, where n1 and n2 are the hinge axis in the axes of body 1 and of body 2. `fit` uses the
-            same rule for `home`.
+            turns n2 into n1, where n1 and n2 are the hinge axis in the axes of body 1 and of body 2. If these are
+            more than 154 degrees apart, a half turn comes first, as in the rule of `fit` for `home`.
         psid: measured rate of psi, from which `drift` is subtracted [rad/s]; shape (N,).
         std: standard deviation of psi [rad]; shape (N,).
         drift: bias of the measured rate of psi [rad/s]. Integrated, it would make psi drift.

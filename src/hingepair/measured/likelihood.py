@@ -296,7 +296,7 @@ def fit_encoder_line(
     """Fit the line psi = zero + slope * reading of the encoder for a given hinge; return an EncoderLine, or None if
     `poses` have no encoder readings. If `previous_line` is given, only the zero and the sign of the slope are fitted.
 
-    The sign changes where the axis of the hinge was reversed since.
+    The sign changes if the axis of the hinge was reversed since `previous_line` was fitted.
     """
     if poses.encoder is None:
         return None

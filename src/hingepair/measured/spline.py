@@ -223,7 +223,7 @@ def _cross_validated_model(
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(log_bandwidth: float) -> float:
-        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf where the
+        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf if the
         curve has too many degrees of freedom.
         """
         spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
