@@ -169,7 +169,7 @@ def line_with_caret(line: str, column: int) -> str:
 
 
 def printable(text: str) -> str:
-    """Return the text with control characters escaped, which a terminal would obey.
+    """Return the text with characters that are not printable, newlines included, replaced by backslash escapes.
 
     >>> print(printable("arm" + chr(27) + "[2J").replace(chr(92), "/"))
     arm/x1b[2J

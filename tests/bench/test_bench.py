@@ -250,7 +250,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
         for method in peers.COMPARED_KINEMATICS_METHODS
     ]
     cases = [
-        f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}" for name in (*direct.BATCH_SIZES_BY_SEQUENCE_NAME, "import")
+        f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}" for name in (*direct.CALL_SIZES_BY_CALL_SEQUENCE_NAME, "import")
     ]
     rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKEND_NAMES, "hingepair")]
     rows += [
@@ -376,7 +376,7 @@ def test_what_is_known_changes_no_output():
 
 @pytest.mark.slow(9)
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
-    monkeypatch.setattr(direct, "BATCH_SIZES_BY_SEQUENCE_NAME", {direct.LARGE_CALL_SEQUENCE_NAME: "[3, 1]"})
+    monkeypatch.setattr(direct, "CALL_SIZES_BY_CALL_SEQUENCE_NAME", {direct.LARGE_CALL_SEQUENCE_NAME: "[3, 1]"})
     rows = direct.measure_fresh_processes(1)
     assert len(rows) == 2 + 1 + len(direct.BACKEND_NAMES)
     assert all(row.seconds > 0 for row in rows)

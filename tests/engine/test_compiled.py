@@ -17,14 +17,14 @@ from hingepair.engine import native
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_ir import LANE_COUNT
 from hingepair.engine.loops import Loop
-from hingepair.plans.plan import SPATIAL_MOTION, default_outputs, make_plan, plan_loop
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, default_outputs, make_plan, plan_loop
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 from support.work import HANG
 
 U = 2.0**-53
-NAMES = tuple(SPATIAL_MOTION.levels)
+NAMES = tuple(SPATIAL_MOTION_KIND.levels)
 
 
 def pair_of(rng, home=True):

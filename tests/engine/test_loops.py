@@ -13,7 +13,7 @@ from hingepair.engine.llvm_ir import LANE_COUNT
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
-from hingepair.plans.plan import SPATIAL_MOTION, make_plan
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
 from support.sparse import sparse
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
@@ -70,7 +70,7 @@ def test_every_count(count, dtype):
 def test_a_plan_is_the_same_however_it_is_asked_for():
     """Else what was compiled for one way to call would be compiled again for another."""
     plan = make_plan(("R2",), "XYZ", True)
-    assert make_plan(("R2",), sequence="XYZ", has_home=True, kind=SPATIAL_MOTION) is plan
+    assert make_plan(("R2",), sequence="XYZ", has_home=True, kind=SPATIAL_MOTION_KIND) is plan
     assert make_plan(("R2",), has_home=True) is plan
 
 

@@ -16,7 +16,7 @@ from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
 
-PLANAR_MOTION = """
+PLANAR_MOTION_KIND = """
 planar = true
 [pair]
 u1 = [0.5, 0.2]
@@ -33,7 +33,7 @@ stop = 2
 samples = 21
 """
 
-SPATIAL_MOTION = """
+SPATIAL_MOTION_KIND = """
 [pair]
 u1 = [0.5, 0.2, 0]
 u2 = [-0.25, 0.1, 0]
@@ -61,7 +61,10 @@ def scene_of(tmp_path, text):
 
 @pytest.mark.slow
 def test_is_the_scene_in_space(tmp_path):
-    flat, space = scene_of(tmp_path, PLANAR_MOTION).evaluate(), scene_of(tmp_path, SPATIAL_MOTION).evaluate()
+    flat, space = (
+        scene_of(tmp_path, PLANAR_MOTION_KIND).evaluate(),
+        scene_of(tmp_path, SPATIAL_MOTION_KIND).evaluate(),
+    )
     assert isinstance(flat.state, hp.PlanarState)
     for name in ("R2", "d", "v2", "a2"):
         np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * 2.0**-53)
@@ -70,7 +73,7 @@ def test_is_the_scene_in_space(tmp_path):
 
 
 def test_names_its_own_coordinates_and_outputs(tmp_path):
-    scene = scene_of(tmp_path, PLANAR_MOTION + '[outputs]\nnames = ["phi2", "R2"]\n')
+    scene = scene_of(tmp_path, PLANAR_MOTION_KIND + '[outputs]\nnames = ["phi2", "R2"]\n')
     assert list(scene.expressions) == ["x", "y", "phi", "psi"]
     result = scene.evaluate()
     assert result.state.outputs == ("phi2", "R2")
@@ -82,16 +85,16 @@ def test_names_its_own_coordinates_and_outputs(tmp_path):
 
 
 def test_the_plan_of_the_plane_speaks_of_no_euler_angles(tmp_path):
-    assert "the attitude of body 1 is given" not in str(scene_of(tmp_path, PLANAR_MOTION).plan())
+    assert "the attitude of body 1 is given" not in str(scene_of(tmp_path, PLANAR_MOTION_KIND).plan())
 
 
 def test_nothing_moves_and_there_are_still_all_instants(tmp_path):
-    still = PLANAR_MOTION.replace('"3*t"', "3").replace('"0.3*t**2"', "0.25").replace('"sin(t)"', "0.5")
+    still = PLANAR_MOTION_KIND.replace('"3*t"', "3").replace('"0.3*t**2"', "0.25").replace('"sin(t)"', "0.5")
     assert scene_of(tmp_path, still).evaluate().R2.shape == (21, 2)
 
 
 def test_checked_against_pinocchio_and_its_constraints(tmp_path):
-    scene = scene_of(tmp_path, PLANAR_MOTION)
+    scene = scene_of(tmp_path, PLANAR_MOTION_KIND)
     report = scene.cross_validate()
     assert report.ok
     assert [row.output for row in report.rows] == ["R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"]
@@ -111,7 +114,7 @@ def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
 @pytest.mark.slow
 def test_command_line(tmp_path):
     path = tmp_path / "my.toml"
-    path.write_text(PLANAR_MOTION)
+    path.write_text(PLANAR_MOTION_KIND)
     run = CliRunner().invoke(app, ["run", str(path), "--json", "-o", str(tmp_path / "out.csv")])
     facts = json.loads(run.stdout)
     assert list(facts["outputs"]) == [
@@ -151,13 +154,13 @@ def test_command_line(tmp_path):
     ],
 )
 def test_refused(tmp_path, old, new, message):
-    assert old in PLANAR_MOTION
+    assert old in PLANAR_MOTION_KIND
     with pytest.raises(hp.SceneError, match=message):
-        scene_of(tmp_path, PLANAR_MOTION.replace(old, new))
+        scene_of(tmp_path, PLANAR_MOTION_KIND.replace(old, new))
 
 
 def test_log_files_are_not_of_the_plane(tmp_path):
-    text = PLANAR_MOTION.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "log.csv"\n'
+    text = PLANAR_MOTION_KIND.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "log.csv"\n'
     with pytest.raises(hp.SceneError, match=r"motion\.file: .*planar"):
         scene_of(tmp_path, text)
 
@@ -175,7 +178,7 @@ def test_log_files_are_not_of_the_plane(tmp_path):
     ],
 )
 def test_plan_says_what_constants_fold_away(tmp_path, old, new, folds):
-    assert old in SPATIAL_MOTION
-    plan = scene_of(tmp_path, SPATIAL_MOTION.replace(old, new)).plan()
+    assert old in SPATIAL_MOTION_KIND
+    plan = scene_of(tmp_path, SPATIAL_MOTION_KIND.replace(old, new)).plan()
     assert (plan.operations.per_sample < 0.4 * plan.operations.unfolded) is folds
     assert f"{plan.operations.folded} of {plan.operations.unfolded} operations" in str(plan)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.plans.steps import COORDINATE_NAMES
+from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.scenes.logged_motion import COLUMN_NAMES_BY_LOG_ARRAY, PAIR_LOG_COLUMN_NAMES
 from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_TABLE_KEYS
 from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_NAMES
@@ -25,7 +25,7 @@ MODELS = ROOT / "models"
 PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 PAIR = "\n[pair]\nu1 = [0.5, 0.2, 0.1]\nu2 = [-0.25, 0.1, 0.3]\nn = [1, 2, 0]\n"
-MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in COORDINATE_NAMES)
+MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in SPATIAL_COORDINATE_NAMES)
 TIME = "\n[time]\nstart = 0\nstop = 4\nsamples = 41\n"
 
 

@@ -14,7 +14,7 @@ import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.plans.plan import LEVER_CONSTANT_STEPS, SPATIAL_MOTION, make_plan
+from hingepair.plans.plan import LEVER_CONSTANT_STEPS, SPATIAL_MOTION_KIND, make_plan
 from hingepair.symbolic import closed_forms
 from hingepair.symbolic.closed_forms import exact_axis
 from hingepair.symbolic.exact_constants import exact
@@ -200,7 +200,7 @@ def test_omega_is_that_of_the_attitude(reference, body):
 
 def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
-    for name in SPATIAL_MOTION.levels:
+    for name in SPATIAL_MOTION_KIND.levels:
         numeric = {step.result: step for step in (*LEVER_CONSTANT_STEPS, *make_plan((name,)).steps)}
         steps = make_plan((name,), "XYZ", True, closed_forms._PLAN_TRIG_FUNCTIONS).steps
         own = {step.result for step in steps if step != numeric[step.result]}

@@ -241,7 +241,7 @@ IMPORT_CASE_NAME, RUN_CASE_NAME = (
 )
 LARGE_CALL_SEQUENCE_NAME = "1 x 200,000"  # name of the sequence of one large call
 # Batch sizes of sequences of calls, by the name of the sequence.
-BATCH_SIZES_BY_SEQUENCE_NAME = {
+CALL_SIZES_BY_CALL_SEQUENCE_NAME = {
     LARGE_CALL_SEQUENCE_NAME: [200_000],
     "1,000 x 1": [1] * 1000,
     "2,000 x 20": [20] * 2000,
@@ -258,7 +258,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
     """Measure the run times of imports, of the run of a scene and of sequences of calls, `repeats` times, each in a
     fresh process; return the table rows.
     """
-    num_sequences = len(BATCH_SIZES_BY_SEQUENCE_NAME)
+    num_sequences = len(CALL_SIZES_BY_CALL_SEQUENCE_NAME)
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
@@ -274,7 +274,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
             },
             RUN_CASE_NAME: {HINGEPAIR_NAME: run},
         }
-        for name, sizes in BATCH_SIZES_BY_SEQUENCE_NAME.items():
+        for name, sizes in CALL_SIZES_BY_CALL_SEQUENCE_NAME.items():
             calls = {
                 backend: f"for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
                 for backend in BACKEND_NAMES

@@ -226,7 +226,7 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
     sin, cos = math.sin, math.cos
 
     def rate(t: float, quat: Any) -> tuple[float, ...]:
-        """Return the time derivative of the quaternion (w, x, y, z) under the known omega1(t)."""
+        """Return the time derivative of a quaternion (w, x, y, z) under the known omega1(t): four floats."""
         u = (1.5 + 2.5 * sin(t)) / size
         v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
         w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size

@@ -12,7 +12,7 @@ from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 
 UNFOLDED_CASE_NAME = "nothing known"  # name of the case without folding
 OPERATION_COUNT_COLUMN = "operations"  # heading of a column of the table
@@ -32,11 +32,11 @@ class FoldingCase(NamedTuple):
         q, qd = (*self.motion, None)[:2]
         if isinstance(self.pair, PlanarPair):
             plan, arguments = plan_from_coordinates(
-                PLANAR_MOTION, self.pair.constants, q, qd, None, self.outputs, None, None
+                PLANAR_MOTION_KIND, self.pair.constants, q, qd, None, self.outputs, None, None
             )
         else:
             plan, arguments = plan_from_coordinates(
-                SPATIAL_MOTION, self.pair.constants, q, qd, None, self.outputs, None, "XYZ"
+                SPATIAL_MOTION_KIND, self.pair.constants, q, qd, None, self.outputs, None, "XYZ"
             )
         return count_operations(plan, self.pair.constants, arguments.parts).per_sample
 

@@ -128,7 +128,7 @@ def _derive_pair(
     the scene or the default. `output_format` is text, latex, python or json. `short` True abbreviates repeated terms;
     None does so if lines are long.
     """
-    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION, check_outputs, default_outputs
+    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
@@ -143,7 +143,9 @@ def _derive_pair(
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
     chosen = tuple(name for name in scene_outputs or () if name not in COORDINATE_AND_QUATERNION_OUTPUT_NAMES)
     default_names = (
-        default_outputs(ACCELERATION, PLANAR_MOTION) if forms.kind is PLANAR_MOTION else DEFAULT_DERIVED_OUTPUTS
+        default_outputs(ACCELERATION, PLANAR_MOTION_KIND)
+        if forms.kind is PLANAR_MOTION_KIND
+        else DEFAULT_DERIVED_OUTPUTS
     )
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":

@@ -31,7 +31,7 @@ from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
 _MIN_RECOMMENDED_PSI_RANGE_DEG = 30.0  # if the hinge turns less, the report recommends to turn it further
-_MIN_SIGNIFICANT_CLOCK_OFFSET_STDS = 4.0  # a clock offset of more standard deviations is significant
+_MAX_STDS_TO_ADVISE_ZERO_CLOCK_OFFSET = 4.0  # a clock offset of more standard deviations is significant
 _MAX_UNREPORTED_MISSING_SAMPLE_FRACTION = 0.1  # fraction of missing samples above which the report mentions them
 
 
@@ -384,7 +384,7 @@ def _advice(fitted: HingeFit) -> list[str]:
             "point fall in proportion."
         )
     if fitted.clock_offset is not None and fitted.std["clock_offset"] > 0:
-        certain = abs(fitted.clock_offset) > _MIN_SIGNIFICANT_CLOCK_OFFSET_STDS * fitted.std["clock_offset"]
+        certain = abs(fitted.clock_offset) > _MAX_STDS_TO_ADVISE_ZERO_CLOCK_OFFSET * fitted.std["clock_offset"]
         if not certain:
             advice.append(
                 "Repeat with `--clock-offset 0` if both bodies were recorded by one clock: it is more certain."

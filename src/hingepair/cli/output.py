@@ -20,7 +20,7 @@ from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS_PER_BLOCK
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES
 
 Piece = TypeVar("Piece")
@@ -38,8 +38,8 @@ OutputsOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION.levels)}; of a planar pair: "
-        f"{', '.join(PLANAR_MOTION.levels)}; coordinates and, unless planar, quaternions: "
+        help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION_KIND.levels)}; of a planar pair: "
+        f"{', '.join(PLANAR_MOTION_KIND.levels)}; coordinates and, unless planar, quaternions: "
         f"{', '.join(COORDINATE_AND_QUATERNION_OUTPUT_NAMES)}.",
     ),
 ]

@@ -21,11 +21,11 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
-_STD_VALUE_HELP_TEXT = "a number, or three separated by commas"
+_ONE_OR_THREE_NUMBERS_TEXT = "a number, or three separated by commas"
 """Values of an option that has one or three components."""
 
 
-def _std_option(quantity: str, unit: str, numbers: str = _STD_VALUE_HELP_TEXT) -> Any:
+def _std_option(quantity: str, unit: str, numbers: str = _ONE_OR_THREE_NUMBERS_TEXT) -> Any:
     """Return an option for the standard deviation of a quantity."""
     return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
@@ -83,5 +83,5 @@ def _parse_numbers(name: str, text: str) -> float | list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ArgumentError(name, _STD_VALUE_HELP_TEXT, repr(text)) from None
+        raise ArgumentError(name, _ONE_OR_THREE_NUMBERS_TEXT, repr(text)) from None
     return numbers[0] if len(numbers) == 1 else numbers

@@ -34,7 +34,7 @@ from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.dynamics_steps import forward_dynamics_steps, inertia_steps
-from hingepair.plans.plan import SPATIAL_MOTION, Plan, all_steps, needed_steps
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, all_steps, needed_steps
 from hingepair.plans.steps import Step, same, upright
 from hingepair.rotations.matrices import matrix_to_quaternion
 
@@ -363,7 +363,7 @@ class PairMotion:
         )
         try:
             broadcast = {
-                name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION.shapes[name])) for name, x in body1.items()
+                name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION_KIND.shapes[name])) for name, x in body1.items()
             }
         except ValueError:
             expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
@@ -384,7 +384,7 @@ class PairMotion:
         values = inputs | (
             _run_compiled_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest
         )
-        shapes = {name: (len(inputs["psi"]), *SPATIAL_MOTION.shapes[name]) for name in MotionAtInstants._fields}
+        shapes = {name: (len(inputs["psi"]), *SPATIAL_MOTION_KIND.shapes[name]) for name in MotionAtInstants._fields}
         return MotionAtInstants(*(np.broadcast_to(values[name], shape).copy() for name, shape in shapes.items()))
 
 
@@ -441,7 +441,7 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
             *_STATE_RATE_PLAN_STEPS[1:],
         )
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
-    return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION)
+    return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION_KIND)
 
 
 def _check_hinge_inertia(pair: HingePair) -> None:

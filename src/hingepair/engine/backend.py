@@ -113,9 +113,8 @@ class BreakEvenCounter:
         return _COMPILE_SECONDS_PER_KERNEL + _COMPILE_SECONDS_PER_OPERATION * self.operations + first
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
-        """Add the estimated loss of one call by NumPy with so many samples, and return whether compiling a kernel
-        pays from now on. `chain_length` is the number of samples of each chain of a scan, which NumPy computes one
-        after the other, and 1 if there are no chains.
+        """Add the seconds that a kernel would have saved in one call by NumPy with `samples` samples to the sum of
+        all calls, and return whether compiling a kernel pays from now on.
 
         Args:
             samples: number of samples of the call.

@@ -11,7 +11,7 @@ components of h1 x h2 along them.
 from __future__ import annotations
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD_AXES, Entries
+from hingepair.equations.derivatives import WORLD_UNIT_VECTORS, Entries
 from hingepair.equations.spatial import Scalar, Vector
 
 Two = tuple[Scalar, Scalar]
@@ -103,7 +103,7 @@ def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
         (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])
-        for i, unit in enumerate(WORLD_AXES)
+        for i, unit in enumerate(WORLD_UNIT_VECTORS)
     ]
     zero = (0.0, 0.0, 0.0)
     tilt_rows = [(*zero, -c[0], -c[1], -c[2], *zero, *c) for c in tilt_axes]

@@ -14,7 +14,7 @@ from hingepair.equations.spatial import ZERO_VECTOR, HingeTrig, Matrix, Scalar, 
 Entries: TypeAlias = tuple[Scalar, ...]
 Axes: TypeAlias = tuple[Vector, Vector, Vector]
 
-WORLD_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+WORLD_UNIT_VECTORS: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Unit vectors along the world's axes."""
 
 
@@ -32,7 +32,7 @@ def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
     Where turn_axes are the world's axes, the three rates are omega1 (E8, E2): v2 = v1 + omega1 x d + (r2 x S1 n) psi'
     and omega2 = omega1 + S1 n psi', with d = r1 - r2.
     """
-    moved = [(*unit, *ZERO_VECTOR) for unit in WORLD_AXES]
+    moved = [(*unit, *ZERO_VECTOR) for unit in WORLD_UNIT_VECTORS]
     turned = [(*eq.cross(turn, d), *turn) for turn in turn_axes]
     return matrix_from_columns(*moved, *turned, (*eq.cross(r2, axis), *axis))
 
@@ -66,7 +66,7 @@ def projection_across(n: Vector) -> Axes:
     """Return the three columns of I - n n^T, which projects a change of n to a change that keeps the length of n at
     1.
     """
-    x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD_AXES, n, strict=True))
+    x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD_UNIT_VECTORS, n, strict=True))
     return x, y, z
 
 
@@ -79,7 +79,7 @@ def turns_by_n(S1: Matrix, n: Vector, hinge_trig: HingeTrig) -> Axes:
     s, k = hinge_trig[0], hinge_trig[1]
     x, y, z = (
         eq.rotate(S1, eq.add(eq.scale(part, s), eq.scale(eq.cross(n, unit), k)))
-        for part, unit in zip(projection_across(n), WORLD_AXES, strict=True)
+        for part, unit in zip(projection_across(n), WORLD_UNIT_VECTORS, strict=True)
     )
     return x, y, z
 

@@ -671,8 +671,8 @@ def eliminate_joint(
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
-    """Return I / D = armature * share: the part of the inertia along the joint axis that remains because the motor's
-    rotor resists (T10). It is exactly 0 if the armature is known to be 0.
+    """Return armature * share, where `share` is 1 / D and D the inertia of the joint with the armature (T10): the
+    part of a load that the motor's rotor resists. It is exactly 0 if the armature is known to be 0.
     """
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 

@@ -48,7 +48,7 @@ _STEP_ERROR_PER_NODE_TIME_ROUNDING = 0.4
 _FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
 _ROUNDING_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
-_STEP_END_SAMPLE_OFFSET = 1e-4
+_STEP_END_DISTANCE_TO_STEP_LENGTH = 1e-4
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 # Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
 _GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
@@ -357,7 +357,7 @@ def _undetected_errors(
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
     inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
     ends = signal.values_at_nodes(
-        pairs.start, pairs.h, (_STEP_END_SAMPLE_OFFSET, 1 - _STEP_END_SAMPLE_OFFSET)
+        pairs.start, pairs.h, (_STEP_END_DISTANCE_TO_STEP_LENGTH, 1 - _STEP_END_DISTANCE_TO_STEP_LENGTH)
     ).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
@@ -377,7 +377,9 @@ def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
     and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
-    x = np.concatenate([[_STEP_END_SAMPLE_OFFSET], nodes, 0.5 + nodes, [1 - _STEP_END_SAMPLE_OFFSET]])
+    x = np.concatenate(
+        [[_STEP_END_DISTANCE_TO_STEP_LENGTH], nodes, 0.5 + nodes, [1 - _STEP_END_DISTANCE_TO_STEP_LENGTH]]
+    )
     matrices = []
     for order in (rule.order, rule.order + 1):
         rows = np.zeros((len(x) - 1, len(x)))

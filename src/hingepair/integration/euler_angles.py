@@ -119,8 +119,8 @@ def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
     """
 
     def step(values: dict[str, Any]) -> dict[str, Any]:
-        """Return the angles after one step as {"phi": ...}. `values` is a dict of phi before the step, omega at the
-        three nodes, and the step length h.
+        """Return the angles after one Runge-Kutta step as {"phi": ...}, NaN if the step is too long near gimbal lock.
+        `values` is a dict of phi before the step, omega at the three nodes, and the step length h.
         """
         phi, w, h = values["phi"], values["omega"], values["h"]
         a = _euler_rates(phi, w[:3], h, omega_in_body_axes)

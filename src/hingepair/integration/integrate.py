@@ -52,8 +52,8 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import (
     ACCELERATION,
-    PLANAR_MOTION,
-    SPATIAL_MOTION,
+    PLANAR_MOTION_KIND,
+    SPATIAL_MOTION_KIND,
     MotionKind,
     Plan,
     check_outputs,
@@ -308,7 +308,7 @@ def _read_request(
     shapes |= {name: points[key].shape[:-2] for key, name in _R1_ARGUMENT_NAME_BY_INPUT.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
-    kind = PLANAR_MOTION if is_planar else SPATIAL_MOTION
+    kind = PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND
     plan = _make_integration_plan(pair.constants, outputs, signals.keys() | points.keys(), kind)
     return _Request(pair, options, signals, points, start, psi_0, motions, plan)
 
@@ -505,7 +505,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     shape = psi.shape
     if not plan.outputs:
         return STATE_CLASS_BY_KIND[plan.kind]({}, shape)
-    S1: Any = None if plan.kind is PLANAR_MOTION else quaternions_to_matrices(orientations)
+    S1: Any = None if plan.kind is PLANAR_MOTION_KIND else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {
         **request.points,
         "psi": psi,
@@ -555,7 +555,7 @@ def _integrate_lazily(
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
-        STATE_CLASS_BY_KIND[PLANAR_MOTION if is_planar else SPATIAL_MOTION], shape=arrays["psi"].shape
+        STATE_CLASS_BY_KIND[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND], shape=arrays["psi"].shape
     )
     return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
 

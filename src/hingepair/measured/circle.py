@@ -36,7 +36,7 @@ from hingepair.numeric.arrays import Float64Array
 
 # Random triples of samples, each of which determines a circle.
 _NUM_SAMPLE_TRIPLES = 300
-_NUM_ROUGH_SAMPLE_TRIPLES = 60  # where clock offsets are compared
+_NUM_SAMPLE_TRIPLES_FOR_CLOCK_OFFSETS = 60  # where clock offsets are compared
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
 # Limit on the number of samples that no recording reaches.
@@ -230,7 +230,7 @@ def circle_misfit(poses: RelativePoses) -> float:
     distance [m^2] from a circle found in a few steps. Raise FitError for fewer than four samples or samples on a
     line.
     """
-    circle = _circle_of_random_triples(poses.p.T, _NUM_ROUGH_SAMPLE_TRIPLES)
+    circle = _circle_of_random_triples(poses.p.T, _NUM_SAMPLE_TRIPLES_FOR_CLOCK_OFFSETS)
     for _ in range(_NUM_ROUGH_CIRCLE_STEPS):
         rest, change = _residuals_and_derivatives(circle, poses._replace(rates=None))
         size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300

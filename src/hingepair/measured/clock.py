@@ -25,7 +25,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
 # Longest time over which a sample is moved along the smoothed motion.
-_MAX_SAMPLE_SHIFT_IN_TIME_STEPS = 0.75
+_MAX_EXTRAPOLATION_IN_TIME_STEPS = 0.75
 _MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
 _MAX_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
 _MAX_SCANNED_OFFSET = 0.5  # [s]
@@ -80,7 +80,7 @@ class ClockedPoses:
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SAMPLE_SHIFT_IN_TIME_STEPS * self._step)
+        movable = self._smooth[near] & (np.abs(shift) <= _MAX_EXTRAPOLATION_IN_TIME_STEPS * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 

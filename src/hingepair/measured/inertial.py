@@ -48,7 +48,7 @@ _MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they h
 _MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
 _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
 """Residuals that are not noise: the axis is still reliable below this."""
-_MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_DIFFERENCE = 0.07
+_MAX_FORCE_RESIDUAL_TO_RMS_DIFFERENCE_OF_BODIES = 0.07
 """Residuals that are not noise, over the difference of both forces: the point is still reliable below this."""
 _MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE = 0.2  # from which the sign of n2 is shown
 _MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM = 1e-10  # from which a direction is not rounding
@@ -351,7 +351,7 @@ def _point_sentences(
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
-        rms > _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_DIFFERENCE * np.sqrt(np.mean(apart**2))
+        rms > _MAX_FORCE_RESIDUAL_TO_RMS_DIFFERENCE_OF_BODIES * np.sqrt(np.mean(apart**2))
         and _correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         findings.append(

@@ -33,8 +33,8 @@ def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
     """Interpolate `values`, arrays or a BodyMotion recorded at instants t, at the instants `to`; return numbers or a
-    BodyMotion. The result is NaN outside the recording, and within times longer than `gaps` seconds without a sample.
-    Warn of wrapped angles and of doubtful units of time.
+    BodyMotion. The result is NaN outside the recording, and in gaps longer than `gaps` seconds between samples.
+    Warn of wrapped angles, and of instants that are probably not in seconds.
 
     Between samples, the cubic polynomial through the four nearest samples is evaluated, with an error of order h^4 in
     the time step h. Attitudes are interpolated as rotation vectors relative to the sample before. At an instant of

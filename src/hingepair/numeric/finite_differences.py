@@ -62,7 +62,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
     """Yield finite-difference stencils block by block, tuples (rows, neighbours, first weights, second weights): the
     slice of the samples, the indices of their neighbours, and the neighbours' weights in the first and in the second
-    derivative. t are the instants, `order` is that of the error.
+    derivative. t are the instants, and `order` is the order of accuracy.
     """
     half, wide = order // 2, min(order + 5, t.size)
     for start in range(half, t.size - half, _STENCILS_PER_BLOCK):

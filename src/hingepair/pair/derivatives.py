@@ -14,7 +14,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.forward_kinematics import CoordinateInput, read_component, read_pair_coordinates
-from hingepair.plans.plan import SPATIAL_MOTION
+from hingepair.plans.plan import SPATIAL_MOTION_KIND
 from hingepair.rotations.sequences import find_sequence
 
 
@@ -68,7 +68,7 @@ def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: Coordinate
 
 def _output_from_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
     find_sequence(sequence)
-    coordinates = read_pair_coordinates(SPATIAL_MOTION, q, qd, None)
+    coordinates = read_pair_coordinates(SPATIAL_MOTION_KIND, q, qd, None)
     return compute_arrays(pair, (name,), coordinates.parts, coordinates.shapes, sequence=sequence)[name]
 
 

@@ -25,7 +25,7 @@ from hingepair.plans.dynamics_steps import (
     FORWARD_DYNAMICS_OUTPUT_NAMES,
     INVERSE_DYNAMICS_OUTPUT_NAMES,
 )
-from hingepair.plans.plan import SPATIAL_MOTION, make_plan
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
@@ -268,7 +268,7 @@ def compute_quantity(
             if value is _NO_FORCE
             else value
         )
-    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION.shapes[name])] for name, v in values.items()}
+    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
     plan = make_plan(request.outputs, None, "home" in constants.values, given_names=tuple(values))
     call = cached_call(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns

@@ -20,13 +20,13 @@ from hingepair.engine.results import writable_arrays
 from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, Plan, make_plan, plan_loop
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, make_plan, plan_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
 DEFAULT_EXECUTION: Final = Execution("auto", 1)  # how a call is run unless told
 STATE_CLASS_BY_KIND: Mapping[Any, type[PairState | PlanarState]] = {
-    SPATIAL_MOTION: PairState,
-    PLANAR_MOTION: PlanarState,
+    SPATIAL_MOTION_KIND: PairState,
+    PLANAR_MOTION_KIND: PlanarState,
 }
 """The class of the results, by the kind of plan."""
 

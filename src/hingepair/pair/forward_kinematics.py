@@ -18,8 +18,8 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import cached_call
 from hingepair.plans.plan import (
-    PLANAR_MOTION,
-    SPATIAL_MOTION,
+    PLANAR_MOTION_KIND,
+    SPATIAL_MOTION_KIND,
     MotionKind,
     Plan,
     check_outputs,
@@ -142,14 +142,14 @@ def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a HingePair (`name` says
     which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
     """
-    return tuple(_coordinate_columns(name, table, SPATIAL_MOTION.coordinates))
+    return tuple(_coordinate_columns(name, table, SPATIAL_MOTION_KIND.coordinates))
 
 
 def planar_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a PlanarPair (`name` says
     which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
     """
-    return tuple(_coordinate_columns(name, table, PLANAR_MOTION.coordinates))
+    return tuple(_coordinate_columns(name, table, PLANAR_MOTION_KIND.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
@@ -236,7 +236,7 @@ def plan_from_coordinates(
     Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for unusable
     arguments.
     """
-    if kind is SPATIAL_MOTION and (type(sequence) is not str or sequence != "XYZ"):
+    if kind is SPATIAL_MOTION_KIND and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
     coordinates = read_pair_coordinates(kind, q, qd, qdd, keep_foreign)
     names = _requested_outputs(outputs, out, len(coordinates.parts) - 1, kind)
@@ -285,8 +285,8 @@ def plan_from_body1(
         for name, letter in _ATTRIBUTE_BY_BODY1_INPUT.items()
         if (array := getattr(body1, letter)) is not None
     }
-    names = _requested_outputs(outputs, out, len(hinge) - 1, SPATIAL_MOTION)
-    plan = _checked_plan(names, pair, (*arrays, *hinge), None, SPATIAL_MOTION)
+    names = _requested_outputs(outputs, out, len(hinge) - 1, SPATIAL_MOTION_KIND)
+    plan = _checked_plan(names, pair, (*arrays, *hinge), None, SPATIAL_MOTION_KIND)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return plan, {**arrays, **hinge}, shapes
 

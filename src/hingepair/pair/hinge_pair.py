@@ -28,12 +28,12 @@ from hingepair.pair.prepare import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
-from hingepair.plans.plan import SPATIAL_MOTION
+from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 Returned = TypeVar("Returned")
 
 SAMPLE_SHAPE_BY_ARGUMENT: Final = {
-    **SPATIAL_MOTION.shapes,
+    **SPATIAL_MOTION_KIND.shapes,
     **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
 }
 """Shape of one sample of each argument that may be a Dask array."""
@@ -206,7 +206,7 @@ class HingePair(Shown):
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         execution = execution_of(backend, workers)
         state: PairState = kinematics.from_coordinates(
-            SPATIAL_MOTION, self.constants, q, qd, qdd, outputs, out, sequence, execution
+            SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, sequence, execution
         )
         return state
 
@@ -346,7 +346,7 @@ class HingePair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
-        return accuracy.error_bounds(SPATIAL_MOTION, self.constants, q, qd, qdd, outputs, sequence)
+        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, sequence)
 
     def error_bounds_from_body1(
         self,

@@ -26,7 +26,7 @@ from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
 from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
 from hingepair.pair.states import PlanarState
-from hingepair.plans.plan import PLANAR_MOTION
+from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.rotations.matrices import rotation_exp
 
 PLANAR_GRAVITY = (0.0, -9.81)
@@ -36,7 +36,7 @@ Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
 _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
-    **PLANAR_MOTION.shapes,
+    **PLANAR_MOTION_KIND.shapes,
     **dict.fromkeys(("force1", "force2"), (2,)),
     **dict.fromkeys(("torque1", "torque2"), ()),
 }
@@ -161,7 +161,7 @@ class PlanarPair(Shown):
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         execution = execution_of(backend, workers)
         state: PlanarState = kinematics.from_coordinates(
-            PLANAR_MOTION, self.constants, q, qd, qdd, outputs, out, None, execution
+            PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, execution
         )
         return state
 
@@ -185,7 +185,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
-        return accuracy.error_bounds(PLANAR_MOTION, self.constants, q, qd, qdd, outputs, None)
+        return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), whose plane of motion is z = 0. Its bodies are those of
@@ -432,7 +432,7 @@ class PlanarPair(Shown):
                 )
         space, planar_coordinates = (
             self.massive(),
-            kinematics.read_pair_coordinates(PLANAR_MOTION, **{"qd": None, "qdd": None, **coordinates}),
+            kinematics.read_pair_coordinates(PLANAR_MOTION_KIND, **{"qd": None, "qdd": None, **coordinates}),
         )
         values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
         for name, part in planar_coordinates.parts.items():
@@ -465,7 +465,7 @@ def motion_in_space(
     """Return the planar coordinates q, qd and qdd as a spatial motion: a tuple of the BodyMotion of body 1, psi, and,
     as far as qd and qdd are given, psid and psidd.
     """
-    coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION, q, qd, qdd)
+    coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION_KIND, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}

@@ -25,7 +25,7 @@ from hingepair.plans.dynamics_steps import (
     FORWARD_DYNAMICS_OUTPUT_NAMES,
     INVERSE_DYNAMICS_OUTPUT_NAMES,
 )
-from hingepair.plans.plan import SPATIAL_MOTION, Plan, check_outputs, default_outputs, make_plan, needed_steps
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, check_outputs, default_outputs, make_plan, needed_steps
 from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
 from hingepair.rotations.sequences import find_sequence
 
@@ -48,7 +48,7 @@ _TWO_BODY_OUTPUT_NAMES: Final = (
 )
 """Outputs that need the motions of both bodies."""
 _OUTPUT_NAMES: Final = (
-    *SPATIAL_MOTION.levels,
+    *SPATIAL_MOTION_KIND.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
     *POSE_SENSITIVITY_NAMES,
     *RATE_SENSITIVITY_NAMES,

@@ -79,8 +79,8 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
 
 
 def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, Array]:
-    """Return a dict of the q, qd or tau, whichever `quantity` names, of each joint that moves in a piece of a result,
-    by the joint's name; shape (N,) each.
+    """Return a dict from the name of each moving joint to its q, qd or tau (`quantity`) in a piece of a result; shape
+    (N,) each.
     """
     array = getattr(piece, quantity)
     moving = piece.scene.joint_motion.moving

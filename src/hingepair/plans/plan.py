@@ -27,7 +27,6 @@ from hingepair.plans.steps import (
     ATTITUDE2_STEP_WITHOUT_HOME,
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_STEPS,
-    COORDINATE_NAMES,
     COORDINATE_SPLIT_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
     JACOBIAN_AND_BIAS_STEPS,
@@ -38,6 +37,7 @@ from hingepair.plans.steps import (
     PLANAR_KINEMATICS_STEPS,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     SENSITIVITY_STEPS,
+    SPATIAL_COORDINATE_NAMES,
     Step,
     coordinate_jacobian_steps,
     same,
@@ -108,14 +108,14 @@ _LEVEL_BY_BODY2_OUTPUT_NAME = {
     **dict.fromkeys(("v2", "omega2"), VELOCITY),
     **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
 }
-SPATIAL_MOTION: Final = MotionKind(
-    COORDINATE_NAMES,
+SPATIAL_MOTION_KIND: Final = MotionKind(
+    SPATIAL_COORDINATE_NAMES,
     PART_NAMES_BY_COORDINATE_ARRAY,
     _SHAPE_BY_QUANTITY_NAME,
     {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
-PLANAR_MOTION: Final = MotionKind(
+PLANAR_MOTION_KIND: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     {
@@ -146,7 +146,7 @@ class Plan:
         outputs: names, in the order asked for.
         steps: what is computed.
         inputs: which of the given things are needed.
-        kind: SPATIAL_MOTION or PLANAR_MOTION.
+        kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND.
     """
 
     outputs: tuple[str, ...]
@@ -174,7 +174,7 @@ def make_plan(
     sequence: str | None = "XYZ",
     has_home: bool = True,
     trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
-    kind: MotionKind = SPATIAL_MOTION,
+    kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
@@ -189,7 +189,7 @@ def make_plan(
         trig_functions: functions that return (sin, cos) of the three angles, and (sin, 1 - cos) of psi. Exact
             numbers, which have other functions than NUMERIC_TRIG_FUNCTIONS, go through LEVER_CONSTANT_STEPS as well;
             for doubles, the pair has taken these steps already.
-        kind: SPATIAL_MOTION or PLANAR_MOTION; the latter takes phi1 for the three angles.
+        kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND; the latter takes phi1 for the three angles.
         given_names: names of the inputs beside the pair's constants, out of the kind's shapes; empty for the parts of
             the coordinates and of body 1's motion, as far as they are needed.
 
@@ -218,8 +218,8 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return a tuple of the steps that the outputs depend on, in order, and a frozenset of the names that these steps
-    take as inputs.
+    """Return a tuple of the steps that the outputs depend on, in order, and a frozenset of the names that must be
+    given: those that the steps take or `outputs` contain and no step computes.
     """
     needed = set(outputs)
     taken = []
@@ -232,7 +232,7 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 
 @functools.cache
-def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION) -> tuple[str, ...]:
+def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple[str, ...]:
     """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) or
     below it if the user names none. `kind` is the `MotionKind`, in space or in a plane.
     """
@@ -263,7 +263,7 @@ def all_steps(
     sequence: str | None,
     has_home: bool,
     trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
-    kind: MotionKind = SPATIAL_MOTION,
+    kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
     """Return a cached tuple of all steps that are possible from the given inputs, of which a plan takes those it
@@ -271,7 +271,7 @@ def all_steps(
     `trig_functions` is a pair of functions, of phi and of psi; `kind` is motion in space or in a plane; `given_names`
     are the inputs beside the pair's constants.
     """
-    if kind is PLANAR_MOTION:
+    if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
     steps = [step for name in given_names for step in ATTITUDE1_STEPS_BY_INPUT.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()

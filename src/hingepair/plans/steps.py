@@ -27,7 +27,7 @@ class Step(NamedTuple):
 
 
 # Names of the components of q in space.
-COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+SPATIAL_COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 # Names of the parts of the coordinates and their derivatives in space.
 PART_NAMES_BY_COORDINATE_ARRAY = {
     "q": ("R1", "phi", "psi"),
@@ -42,8 +42,8 @@ PLANAR_PART_NAMES_BY_COORDINATE_ARRAY = {
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
 COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
-    COORDINATE_NAMES: {
-        "q": COORDINATE_NAMES,
+    SPATIAL_COORDINATE_NAMES: {
+        "q": SPATIAL_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
         "qdd": ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
     },
@@ -257,7 +257,7 @@ PLANAR_KINEMATICS_STEPS = (
 
 
 JACOBIAN_AND_BIAS_STEPS = (
-    Step("turns", lambda: by.WORLD_AXES, ()),
+    Step("turns", lambda: by.WORLD_UNIT_VECTORS, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
         "relative_bias",

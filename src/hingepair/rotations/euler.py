@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD_AXES, matrix_from_columns
+from hingepair.equations.derivatives import WORLD_UNIT_VECTORS, matrix_from_columns
 from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
@@ -327,7 +327,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
             results["J_dot"] = matrix_from_columns(*order.column_rates(axes, values["phid"]))
         sine, cosine = np.abs(trig[2]), np.abs(trig[3])
         lock, common = (sine, cosine) if order.proper else (cosine, sine)
-        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_AXES]
+        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_UNIT_VECTORS]
         results["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in matrix_from_columns(*inverse))
         results["condition"] = np.divide(1.0 + common, lock)
         results["lock_distance"] = np.arctan2(lock, common)

@@ -8,7 +8,7 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, all_steps, default_outputs, make_plan
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
 from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, PART_NAMES_BY_COORDINATE_ARRAY
 from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
 
@@ -84,7 +84,7 @@ def explain(
     needed derivatives; `outputs` None means all of body 2. `motion_level` is the highest derivative order (0 to 2)
     that the scene's motion has.
     """
-    kind = PLANAR_MOTION if isinstance(pair, PlanarPair) else SPATIAL_MOTION
+    kind = PLANAR_MOTION_KIND if isinstance(pair, PlanarPair) else SPATIAL_MOTION_KIND
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
@@ -112,7 +112,7 @@ def explain(
         for name in others
         if name in _DESCRIPTION_BY_STEP_NAME and name not in made
     ]
-    if motion.sequence is None and kind is SPATIAL_MOTION:
+    if motion.sequence is None and kind is SPATIAL_MOTION_KIND:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if ATTITUDE2_STEP_WITHOUT_HOME in plan.steps:
         skipped.append(("the product with C", "home is the identity"))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.integration.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
-from hingepair.plans.steps import COORDINATE_NAMES, PLANAR_COORDINATE_NAMES
+from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
@@ -136,7 +136,7 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
-    names = PLANAR_COORDINATE_NAMES if planar else COORDINATE_NAMES
+    names = PLANAR_COORDINATE_NAMES if planar else SPATIAL_COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names, () if planar else ("file", "omega1"))
     t = read_instants(time)
     how = euler_axes_phrase(sequence) if sequence else "in the plane z = 0"

@@ -19,11 +19,11 @@ from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
     COLUMN_NAMES_BY_COORDINATE_NAMES,
-    COORDINATE_NAMES,
     COORDINATE_SPLIT_STEPS,
     PART_NAMES_BY_COORDINATE_ARRAY,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
+    SPATIAL_COORDINATE_NAMES,
 )
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
@@ -170,7 +170,7 @@ class MotionByCoordinates:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        return COORDINATE_NAMES if self.sequence else PLANAR_COORDINATE_NAMES
+        return SPATIAL_COORDINATE_NAMES if self.sequence else PLANAR_COORDINATE_NAMES
 
     def _column(self, order: int, i: int) -> Float64Array:
         return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))

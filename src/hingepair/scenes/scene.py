@@ -25,9 +25,9 @@ from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import (
     ACCELERATION,
-    PLANAR_MOTION,
+    PLANAR_MOTION_KIND,
     POSE,
-    SPATIAL_MOTION,
+    SPATIAL_MOTION_KIND,
     VELOCITY,
     MotionKind,
     check_outputs,
@@ -241,8 +241,8 @@ class Scene(SampledScene):
 
     @property
     def kind(self) -> MotionKind:
-        """The kind of motion, SPATIAL_MOTION or PLANAR_MOTION, which says which outputs exist."""
-        return SPATIAL_MOTION if isinstance(self.pair, HingePair) else PLANAR_MOTION
+        """The kind of motion, SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND, which says which outputs exist."""
+        return SPATIAL_MOTION_KIND if isinstance(self.pair, HingePair) else PLANAR_MOTION_KIND
 
     @property
     def sequence(self) -> str | None:
@@ -253,7 +253,9 @@ class Scene(SampledScene):
         """Return a tuple of the names of the coordinate outputs, and in space of the quaternion outputs, that need
         derivatives of order `level` at most.
         """
-        names = COORDINATE_AND_QUATERNION_OUTPUT_NAMES if self.kind == SPATIAL_MOTION else COORDINATE_OUTPUT_NAMES
+        names = (
+            COORDINATE_AND_QUATERNION_OUTPUT_NAMES if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUT_NAMES
+        )
         return tuple(name for name in names if _output_level(name) <= level)
 
     @property
@@ -358,7 +360,9 @@ class Scene(SampledScene):
         state_outputs, order = self._needed_outputs_and_order(names)
         known_motion = self.motion.source.part(rows, max(order, min_order))
         if state_outputs == ():
-            state: PairState | PlanarState = (PairState if self.kind == SPATIAL_MOTION else PlanarState)({}, t.shape)
+            state: PairState | PlanarState = (PairState if self.kind == SPATIAL_MOTION_KIND else PlanarState)(
+                {}, t.shape
+            )
         else:
             state = known_motion.part(slice(None), order).forward_kinematics(self.pair, state_outputs, self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
@@ -408,7 +412,7 @@ class Scene(SampledScene):
 
         whole, flat = (
             self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair),
-            self.kind == PLANAR_MOTION,
+            self.kind == PLANAR_MOTION_KIND,
         )
         part = whole.part(rows, ACCELERATION)
         loads = {name: load[rows] for name, load in motion.loads.items()}
@@ -732,7 +736,9 @@ def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 
 def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
-    """Return the scene file `path`, and the URDF file and the log that its top-level Table names, if any."""
+    """Return a tuple of paths: the scene file `path`, and the URDF file and the log that its top-level Table names,
+    if any, relative to the folder of the scene.
+    """
     named = (("mechanism", "urdf"), ("motion", "file"))
     files = [tables.table(table, required=False).values.get(key) for table, key in named]
     return (path, *(path.parent / file for file in files if isinstance(file, str)))

@@ -25,7 +25,7 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import ACCELERATION
-from hingepair.plans.steps import COORDINATE_NAMES, PLANAR_COORDINATE_NAMES
+from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import read_instants_array
@@ -253,7 +253,7 @@ def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[
     """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
     in the Table [motion]; for a PlanarPair these are x, y, phi. Raise a SceneError for bad coordinates.
     """
-    names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else COORDINATE_NAMES
+    names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else SPATIAL_COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])
 
     def moved(t: Float64Array) -> BodyMotion:

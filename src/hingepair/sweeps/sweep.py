@@ -182,8 +182,8 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
     """Return JSON text of all that the results of a sweep depend on: a SweepTask, the values of the varied numbers,
-    the chunk size, and the contents of `data_files`, which are read and hashed. Chunks of a sweep with equal text can
-    be reused.
+    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed. Chunks of a
+    sweep with equal text can be reused.
     """
     from hingepair import __version__
 

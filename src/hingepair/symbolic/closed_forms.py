@@ -19,7 +19,7 @@ from hingepair.errors import ArgumentError
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION, MotionKind, check_outputs, make_plan
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, check_outputs, make_plan
 from hingepair.symbolic.exact_constants import MAX_SQUARED_ENTRY_DENOMINATOR, exact
 from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr
@@ -88,8 +88,8 @@ class ClosedForms:
 
     @property
     def kind(self) -> MotionKind:
-        """Kind of motion of the pair, PLANAR_MOTION or SPATIAL_MOTION."""
-        return PLANAR_MOTION if self._planar else SPATIAL_MOTION
+        """Kind of motion of the pair, PLANAR_MOTION_KIND or SPATIAL_MOTION_KIND."""
+        return PLANAR_MOTION_KIND if self._planar else SPATIAL_MOTION_KIND
 
     @property
     def names(self) -> tuple[str, ...]:

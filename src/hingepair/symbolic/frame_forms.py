@@ -247,9 +247,9 @@ class FrameForms:
         )
 
     def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return a list of the equation lines of components, pairs (label, expression), each after the lines that it
-        uses. Equal components share a line, and all zeros are in the last one. With `short`, sines, cosines and
-        repeated sums are abbreviated.
+        """Return a list of _EquationLines (labels, SymPy expression) of the components, pairs (label, expression).
+        Components with equal expressions share a line; those that are 0 are in the last one. With `short`, sines,
+        cosines and repeated sums are abbreviated, and each line follows the lines that it uses.
         """
         labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
         for label, expr in labelled_components:

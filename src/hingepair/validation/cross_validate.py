@@ -17,7 +17,7 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.forward_kinematics import read_pair_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR_MOTION, SPATIAL_MOTION
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.validation.free_flyer import frame_motion, import_pinocchio
 from hingepair.validation.pinocchio_twin import PinocchioTwin, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
@@ -128,7 +128,7 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    parts = read_pair_coordinates(PLANAR_MOTION if planar else SPATIAL_MOTION, q, qd, qdd).parts
+    parts = read_pair_coordinates(PLANAR_MOTION_KIND if planar else SPATIAL_MOTION_KIND, q, qd, qdd).parts
     flat = _arguments_by_sample(parts, np.shape(state.R2)[:-1])
     spatial_coordinates = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
     body1 = _body1_by_pinocchio(spatial_coordinates, "XYZ" if planar else sequence)

@@ -18,7 +18,7 @@ from hingepair.numeric.suspicions import angle_suspicions
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
-from hingepair.plans.steps import COORDINATE_NAMES
+from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 JOINT_COLUMN_SUFFIXES_BY_ORDER: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
-BASE_COORDINATE_KEYS: Final = COORDINATE_NAMES[:-1]
+BASE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
 _MOTION_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
