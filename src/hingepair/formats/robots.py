@@ -26,9 +26,9 @@ def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
     """Return the named robot of the package example-robot-data as a Mechanism. `base` is "fixed" or "free", and
-    joints in `locked`, a dict of positions by name, are held. Angles within `snap` [rad] of a multiple of pi/2 are
-    taken as that multiple. Warn as `Mechanism.from_urdf` does, for example of joints that are locked beyond their
-    limits.
+    joints in `locked`, a dict of positions by name, are held. Angles (rpy) of the URDF's origins within `snap` [rad]
+    of a multiple of pi/2 are taken as that multiple. Warn as `Mechanism.from_urdf` does, for example if a joint is
+    locked beyond its limits.
 
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
@@ -62,10 +62,10 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
         joint: name of a revolute or continuous joint, which may be a mimic joint.
 
     Returns:
-        The pair, named `robot/joint`, with the limits and the mass properties that `from_urdf` gives it. The limits
-        are None if the joint has none. body1 and body2 each combine all links that are fixed to each other. A body is
-        None if none of its links has mass, or if no rigid body can have the combined mass properties; unlike
-        `from_urdf`, this function does not warn of the latter.
+        The pair, named `robot/joint`, with the limits and the mass properties that `hingepair.from_urdf` gives it.
+        The limits are None if the joint has none. body1 and body2 each combine all links that are fixed to each
+        other. A body is None if none of its links has mass, or if no rigid body can have the combined mass
+        properties; unlike `hingepair.from_urdf`, this function does not warn of the latter.
 
     Raises:
         ArgumentError: there is no robot of this name, or there are several.

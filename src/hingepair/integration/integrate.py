@@ -152,14 +152,16 @@ def integrate(
     - a callable that takes an array of times (n,) and returns an array (n, 3) or (n,), or a constant.
 
     Samples are interpolated by polynomials of degree 5, which presumes a smooth motion: at a kink or across a gap the
-    polynomials overshoot. Only differences of instants matter. Seconds since 1970 as floats are rounded to 2.4e-7 s,
-    so give the datetime64 or integer nanoseconds of the clock instead.
+    polynomials overshoot. With samples, only differences of instants matter. A callable is evaluated at times in
+    seconds: on the scale of t, or, if t is datetime64 or integer nanoseconds since 1970, from 0 at the first instant.
+    Seconds since 1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock
+    instead.
 
     The methods are:
 
     - `magnus6` (order 6), `magnus4` and `cf4` (order 4), `rk4_quaternion` (order 4), and `midpoint` (order 2) compute
-      each step from omega1 alone. With samples, `magnus6` corresponds to the multi-sample coning correction of
-      strapdown navigation (Bortz, Miller, Savage).
+      the rotation over each step from values of omega1 within the step. With samples, `magnus6` corresponds to the
+      multi-sample coning correction of strapdown navigation (Bortz, Miller, Savage).
     - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
       of order 4. It fails near gimbal lock.
     - `dop853` is the solver of SciPy.
@@ -167,7 +169,7 @@ def integrate(
     Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N),
     R1 (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N has
     length 1, the rate or the point of each motion is constant. A callable, or an array without leading axes, applies
-    to all motions. Each motion is integrated as by a call of its own: with the same steps, the same error estimate,
+    to all motions. Each motion is integrated as if by a separate call: with the same steps, the same error estimate,
     and bitwise the same result.
 
     Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
@@ -192,9 +194,9 @@ def integrate(
         frame: axes of omega1 and alpha1: "world" (the default) or "body".
         tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
             interval of t is one step (`dop853` chooses its own steps). With a tolerance, a callable is evaluated in
-            at least 509 steps that cover the whole time. A feature that is narrower than a step may be missed, also
-            by `error_estimate`. A jump or a kink of a callable is found; it costs about sixty further steps, or none
-            if it is at one of the instants t.
+            about 500 steps or more that cover the whole time. A feature that is narrower than a step may be missed,
+            also by `error_estimate`. A jump or a kink of a callable is found; it costs about sixty further steps, or
+            none if it is at one of the instants t.
         alpha1: angular acceleration of body 1 [rad/s^2], needed for the acceleration of body 2.
         psidd: hinge acceleration psi'' [rad/s^2], needed for the acceleration of body 2.
         outputs: as for `forward_kinematics`. By default all outputs of body 2 that the inputs allow; () for none.

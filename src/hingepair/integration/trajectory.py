@@ -188,19 +188,20 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         a callable has a jump or a kink within a step, the estimate is between a third of the error and ten times the
         error.
 
-        If rates are callables, each step is compared with steps of half the length or less. The estimate also covers
-        jumps and kinks that the values of the callables do not exclude. If there are more than 65,536 steps, a
-        selection is compared: the steps over which values change most abruptly, and one in each part of the time. A
-        feature narrower than a 509th of the time may be missed.
+        If rates are callables, each step is compared with steps of half the length or less. The estimate also allows
+        for jumps and kinks between the times at which the callables were evaluated, as far as their values there
+        permit them. If there are more than 65,536 steps, a selection is compared: the steps over which values change
+        most abruptly, and one in each part of the time. A feature narrower than about 1/500 of the total time may be
+        missed.
 
         If rates are samples, the estimate covers the error of interpolation: gaps, motion that the samples hardly
         resolve, and jumps and kinks, which may be anywhere between two samples. It also covers the rounding of time
-        stamps to doubles, single floats or decimals, as far as the values show this rounding. It is NaN for fewer
-        than 4 samples.
+        stamps to double precision, single precision or decimals, as far as the values show this rounding. It is NaN
+        for fewer than 4 samples.
 
         The estimate does not cover noise in the arguments. Nor does it cover motion that leaves no trace in the
-        samples, because it happens in a gap or is faster than two samples a period, or stamps whose rounding changes
-        too slowly to be seen in the samples.
+        samples, because it happens in a gap or has fewer than two samples per period. Nor does it cover the rounding
+        of time stamps if the rounding error changes so slowly from sample to sample that the samples do not show it.
         """
         return self._error() if isinstance(self._error, LazyValue | LazyValues) else self._error
 
@@ -237,9 +238,10 @@ class Trajectory(_TrajectoryBase):
     """The motion of a pair over time, as `integrate` returns it (E12). It also has every attribute of its state: R2,
     S2, v2 and so on.
 
-    A trajectory may hold many motions over the same instants. Its arrays then have leading axes of the shape
-    `motions`, written ... below. `trajectory[3]` is the trajectory of one motion, `trajectory[:10]` that of ten, and
-    `to_xarray` returns all of them with labels. Files, tables and plots take one motion.
+    A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
+    below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one
+    motion, `trajectory[:10]` that of ten, and `to_xarray` returns all of them with labels. Files, tables and plots
+    take one motion.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -306,8 +308,9 @@ class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair over time, as `integrate` returns it (E11, E12). It also has every attribute of its
     state: R2, phi2, v2 and so on.
 
-    A trajectory may hold many motions over the same instants. Its arrays then have leading axes of the shape
-    `motions`, as those of a `Trajectory`.
+    A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
+    below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one
+    motion.
 
     Attributes:
         t: the instants [s]; shape (N,).

@@ -29,7 +29,7 @@ class ClusterFit:
 
     Attributes:
         body: the motion of the body, a BodyMotion of shape (N,) with R and S. The reference point R is the origin of
-            the places in `reference`. The motion is NaN where fewer than three markers are seen.
+            the axes in which `reference` gives the places. The motion is NaN where fewer than three markers are seen.
         reference: places of the markers on the body, in the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
             not seen.

@@ -239,15 +239,18 @@ def fit_anchor(
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
     """Fit the hinge point to the records of two inertial sensors, one on each body, and return an AnchorFit. Each
-    sensor records an angular velocity (`omega1_b1`, `omega2_b2`), which is smoothed first and filled across up to
-    `gaps` seconds without samples, and a specific force (`f1_b1`, `f2_b2`). The hinge axes n1 and n2, if given, fix
-    the point along the axis. Raise FitError if there are too few samples or neither body turns.
+    sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`, `f2_b2`). The angular
+    velocities are smoothed first, across gaps of up to `gaps` seconds too. If the hinge axes n1 and n2 are given, the
+    result is the point of the axis that is closest to sensor 1. Raise FitError if there are too few samples or
+    neither body turns.
 
     The angular velocities are smoothed and differentiated as by `smooth`. The specific forces are used as recorded.
+    Each of the four records may have NaN where a sample is missing. Only the instants at which all four are finite
+    are used.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
-        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3), NaN where a sample is missing.
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
         f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
             [m/s^2]; shape (N, 3).
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
@@ -256,12 +259,16 @@ def fit_anchor(
             they are given, the hinge point is the point of the axis that is closest to sensor 1; otherwise it is
             the point of the axis that is closest to both sensors.
         n2: hinge axis in body 2's axes; shape (3,).
-        gaps: longest time without a sample that is filled [s]. A smaller value than 1.5 median time steps counts as
-            1.5 median time steps.
+        gaps: longest time without a sample across which the angular velocities are smoothed as one piece [s]. A value
+            below 1.5 times the median time step counts as 1.5 times the median time step.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases that `fit_axis` found were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
             [m/s^2].
+
+    Returns:
+        The fit: the vectors from sensor 1 to the hinge point in body 1's axes (`u1`) and from sensor 2 to the hinge
+        point in body 2's axes (`u2`) [m].
 
     Raises:
         FitError: there are fewer than 8 consecutive samples without a gap, or neither body turns.

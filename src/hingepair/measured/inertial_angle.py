@@ -99,8 +99,8 @@ def fit_angle(
         n2: hinge axis in body 2's axes; shape (3,).
         u1: vector from sensor 1 to the hinge point, body 1's axes [m]; shape (3,).
         u2: vector from sensor 2 to the hinge point, body 2's axes [m]; shape (3,).
-        gaps: longest time without a sample over which rates are integrated [s]. A smaller value than 1.5 median time
-            steps counts as 1.5 median time steps.
+        gaps: longest time without a sample over which rates are integrated [s]. A value below 1.5 times the
+            median time step counts as 1.5 times the median time step.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component

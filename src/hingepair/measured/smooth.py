@@ -156,8 +156,8 @@ def smooth(
             recorded are NaN.
         bandwidth: frequency at which the amplitude is halved [Hz]; much lower frequencies pass, much higher ones are
             removed. By default it is chosen from the data.
-        gaps: longest time without a sample that is filled [s]. A smaller value than 1.5 median time steps counts as
-            1.5 median time steps.
+        gaps: longest time without a sample that is filled [s]. A value below 1.5 times the median time step
+            counts as 1.5 times the median time step.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers, as for `fit`:
             "soft_l1", "huber", "cauchy" or "arctan".
 

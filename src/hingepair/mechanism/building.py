@@ -46,10 +46,10 @@ def tree_of_pairs(
 def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
-    """Read a robot from URDF, a file's path or text that starts with "<", and return its Tree. `base` is "fixed" or
-    "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]. Angles within `snap` [rad]
-    (0 for None) of a multiple of pi/2 are replaced by that multiple. Raise a URDFError if the URDF is no tree of
-    hinges and sliders.
+    """Read a robot from a URDF file or from URDF text, which starts with "<", and return its Tree. `base` is "fixed"
+    or "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]. Angles within `snap`
+    [rad] (0 for None) of a multiple of pi/2 are replaced by that multiple. Raise a URDFError if the URDF is no tree
+    of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.

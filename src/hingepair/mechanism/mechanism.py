@@ -98,13 +98,13 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from URDF, a file's path or text, and return it as a Mechanism. `base` is "fixed" or "free",
-        and joints in `locked`, a dict of positions by name, are held. Angles within `snap` [rad] of a multiple of
-        pi/2 are taken as that multiple. Warn of joints that are locked beyond their limits, and of mimic joints whose
-        leader does not exist.
+        """Read a robot from a URDF file or from URDF text, and return it as a Mechanism. `base` is "fixed" or "free",
+        and joints in `locked`, a dict of positions by name, are held. Angles (rpy) of origins within `snap` [rad] of
+        a multiple of pi/2 are taken as that multiple. Warn if a joint is locked beyond its limits, or if the leader
+        of a mimic joint does not exist.
 
-        Revolute and continuous joints become hinges, prismatic joints sliders. The links that a fixed joint connects
-        become one body, which has the mass of both. A mimic joint has no coordinate: it follows its leader. Masses
+        Revolute and continuous joints become hinges, prismatic joints sliders. Links connected by fixed joints become
+        one body with their combined mass and inertia. A mimic joint has no coordinate: it follows its leader. Masses
         and inertias are used as they are written, even if no rigid body can have them; a `DynamicsWarning` names such
         bodies at the first computation with masses.
 
@@ -116,7 +116,7 @@ class Mechanism(MechanismMethods):
                 joint's limits is used, with a `DynamicsWarning`.
             snap: tolerance [rad], such as 1e-6. An angle of an origin (rpy) that differs from a multiple of pi/2 by
                 at most this is taken as exactly that multiple: its sine and cosine are exactly 0, 1 or -1. By
-                default, only the double nearest to a multiple of pi/2 is taken so.
+                default, only the double nearest to a multiple of pi/2 is treated in this way.
 
         Raises:
             URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or

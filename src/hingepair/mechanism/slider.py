@@ -28,9 +28,9 @@ class Slider(Frozen, Shown):
     copied and read-only.
 
     Args:
-        u1: vector from the reference point of body 1 to the point of body 1 at which the point u2 of body 2 is at
-            q = 0, body-1 axes [m]; shape (3,).
-        u2: vector from the reference point of body 2 to that point, body-2 axes [m]; shape (3,).
+        u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1
+            axes [m]; shape (3,).
+        u2: vector from the reference point of body 2 to the point P, body-2 axes [m]; shape (3,).
         n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
         home: attitude of body 2 relative to body 1 (rotation from body-2 axes to body-1 axes); identity unless given;
             shape (3, 3).

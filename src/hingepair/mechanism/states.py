@@ -214,7 +214,10 @@ class MechanismForces(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """Accelerations of a robot under given torques and forces: qdd of the joints, a1 and alpha1 of a free base."""
+    """Accelerations of a robot under given torques and forces: qdd of the joints (..., dof) [rad/s^2, of sliders
+    m/s^2], and of a free base the accelerations a1 of its reference point [m/s^2] and alpha1 [rad/s^2], world axes,
+    (..., 3). For a fixed base, a1 and alpha1 are None.
+    """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "qdd": "Second derivatives of the coordinates; (..., dof) rad/s^2, of sliders m/s^2.",

@@ -174,8 +174,9 @@ class Body(Frozen):
             moments about the body's x, y and z axes, shape (3,). All principal moments must be above zero, and none
             may exceed the sum of the other two. If rounding makes one exceed it by up to 1e-3 of the sum of all
             three, as can happen for a flat body, it is used as given, with a `DynamicsWarning`. If no inertia is
-            given, it is computed from the shapes. If there are no shapes either, a radius of gyration of 0.1 m is
-            assumed, and the methods that compute dynamics issue a `DynamicsWarning`.
+            given, it is that of the shapes about their own centre of mass, even if `center_of_mass` is another point.
+            If there are no shapes either, a radius of gyration of 0.1 m is assumed, and the methods that compute
+            dynamics issue a `DynamicsWarning`.
         shapes: Box, Cylinder and Sphere objects. Viewers draw them. They also determine the inertia and the centre
             of mass as said above: all shapes have the same density, and where they overlap, the mass counts twice. A
             body without shapes is drawn as an arm to the hinge and half a hinge.

@@ -44,7 +44,7 @@ class HingeLoad:
             stops.
         stop_stiffness: stiffness of the stops, if they are springs [N m/rad].
         stop_damping: damping of the stops, if they are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
-            arrived; `restitution` says how fast it leaves with other values.
+            arrived; for other values, the method `restitution` computes how fast it leaves.
         stop_restitution: None, or a number from 0 to 1. With None, the stops are springs. With a number, the stops
             are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived.
         motor: torque of the motor [N m]: a number; a callable that takes arrays (t, psi, psid) and returns an array;
@@ -189,14 +189,14 @@ class HingeLoad:
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
         """Compute the torque [N m] at instants t, angles psi and rates psid with one branch of the formula, continued
-        smoothly beyond the kinks of the torque. `side` is a pair (angle, rate): the branch is the one that holds at
-        this angle and rate.
+        smoothly beyond the kinks of the torque. `side` is a pair (angle, rate), two numbers or arrays of the shape of
+        psi: the branch is the one that holds at this angle and rate.
 
         Solvers use it: within one integration step, a stop or dry friction must not switch on or off.
 
         Args:
             side: hinge angle [rad] and rate [rad/s] that select the branch: beyond a stop or not, and the sign of dry
-                friction.
+                friction. Each is a number or has the shape of psi.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).

@@ -288,8 +288,7 @@ class HingePair(Shown):
         (E1, E2, E5-E9). psid and psidd add velocities and accelerations. Results are written into the arrays of the
         dict `out`, if given.
 
-        The outputs follow psi, psid and psidd as they follow q, qd and qdd in `forward_kinematics`: velocities need
-        psid and accelerations psidd, and body1 must have v and omega, and a and alpha, accordingly.
+        Velocities need psid, and v and omega of body1. Accelerations also need psidd, and a and alpha of body1.
 
         Args:
             body1: the motion of body 1.
@@ -331,7 +330,7 @@ class HingePair(Shown):
         The error is the difference from the exact result of the equations for the coordinates, u1, u2, n (before it
         is scaled to unit length) and home exactly as given. The bounds are rigorous for both backends if sines and
         cosines are accurate to 1.5 units in the last place. Actual errors are usually at most a third of the bounds;
-        they can come closer if only few operations round.
+        they can come closer if only a few operations cause rounding errors.
 
         Returns:
             For each output, a bound on the error of every component, in the unit of the output; shape (...,). The
@@ -487,7 +486,7 @@ class HingePair(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
-                is singular, for instance because body 2 has no inertia about the hinge axis.
+                is singular, for instance because the inertia of body 2 about the hinge axis is negligible.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -616,9 +615,9 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute the Residuals of two BodyMotions: by how much they violate the hinge constraints E1 and E2 and
-        their time derivatives, compared with `tolerances`, a dict by residual (defaults cover rounding errors). For
-        Dask arrays, return LazyResiduals. t are the instants for the report.
+        """Compute the Residuals of two BodyMotions, which say by how much the motions violate the hinge constraints
+        E1 and E2 and their time derivatives. They are compared with `tolerances`, a dict by residual (defaults cover
+        rounding errors). For Dask arrays, return LazyResiduals. `t` holds the instants, for the report.
 
         Args:
             body1: the motion of body 1.
@@ -799,27 +798,34 @@ class HingePair(Shown):
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
         home cause, to first order (E5, E7), for the BodyMotion of body 1. Give the tolerances as standard deviations
-        or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0.
+        or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0 and no covariance is
+        given.
 
-        `hingepair.sample_pairs` draws random pairs with the same
-        tolerances, which shows whether the first order is accurate enough.
+        `hingepair.sample_pairs` draws random pairs with the same tolerances, which shows whether the first order is
+        accurate enough.
 
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            u1_std: standard deviation of u1 [m], as for `sample_pairs`.
-            u2_std: standard deviation of u2 [m], as for `sample_pairs`.
-            axis_std: standard deviation of the direction of the hinge axis [rad], as for `sample_pairs`.
-            home_std: standard deviation of home [rad], as for `sample_pairs`.
-            covariance: covariance of u1, u2, n and home, shape (12, 12), such as `HingeFit.covariance`.
+            u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
+            u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
+            axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
+                perpendicular directions.
+            home_std: standard deviation of each component of the rotation vector, body-1 axes, by which home deviates
+                [rad]: a number, or shape (3,).
+            covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
+                (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1
+                axes) [rad]; shape (12, 12), such as `HingeFit.covariance`. Give no standard deviations beside it.
 
         Returns:
             The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
-            (..., 3), and the covariances R2 and attitude, shape (..., 3, 3). Its method contributions() returns the
-            variances that each dimension alone causes.
+            (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
+            of the attitude is the rotation vector, in world axes, by which body 2 deviates. The method
+            contributions() returns the variances that each component of u1, u2 and home, and the axis n, cause alone.
 
         Raises:
-            ArgumentError: an argument cannot be used, or all standard deviations are 0; the error names the argument.
+            ArgumentError: an argument cannot be used, or all standard deviations are 0 and no covariance is given;
+                the error names the argument.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -347,7 +347,7 @@ class PlanarPair(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
-                is singular, for instance because body 2 has no inertia about the pin.
+                is singular, for instance because the inertia of body 2 about the hinge is negligible.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))

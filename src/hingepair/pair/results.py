@@ -59,7 +59,9 @@ class Result(Shown):
         raise NotImplementedError
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output (R2) or of one of its components (R2_x) as a text, such as "m/s"."""
+        """Return the unit of an output, such as "R2", or of one of its components, such as "R2_x", as a string such
+        as "m".
+        """
         return unit_of(name)
 
     def __dir__(self) -> list[str]:
@@ -187,7 +189,7 @@ class Record(Result):
         return self._arrays
 
     def unit(self, name: str) -> str:
-        """Return the unit of an array of the record, or of one of its components, as a text."""
+        """Return the unit of an array of the record, or of one of its components, as a string."""
         return self._unit(name)
 
     def __getitem__(self, name: str) -> NDArray[Any]:

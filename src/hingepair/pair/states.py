@@ -13,9 +13,9 @@ class PairState(Results):
     omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
 
     There are also the attributes R1, S1, v1, omega1, a1 and alpha1 for body 1, computed only if `outputs` names them,
-    and the other outputs of `HingePair.prepare`. All arrays have the leading axes of the samples;
-    `help(hp.PairState)` lists their shapes and units. To a type checker, all attributes are arrays, so that
-    `state.R2[-1]` needs no check for None.
+    and the other outputs of `HingePair.prepare`. All arrays have the leading axes of the samples. Points,
+    velocities and accelerations [m, m/s, m/s^2; rad/s, rad/s^2] have shape (..., 3), and the rotations S1 and S2 have
+    shape (..., 3, 3). To a type checker, all attributes are arrays, so that `state.R2[-1]` needs no check for None.
 
     Attributes:
         shape: leading shape of the samples; () for one state.
@@ -115,8 +115,8 @@ class PlanarState(Results):
     """The computed outputs of a planar pair at every sample, in world axes and SI units. The attributes R2, phi2, d,
     v2, omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
 
-    The arrays have the leading axes of the samples; `help(hp.PlanarState)` lists their shapes and units. To a type
-    checker, all attributes are arrays.
+    The arrays have the leading axes of the samples. R2 and d [m], v2 [m/s] and a2 [m/s^2] have shape (..., 2), and
+    phi2 [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). To a type checker, all attributes are arrays.
 
     Attributes:
         shape: leading shape of the samples; () for one state.

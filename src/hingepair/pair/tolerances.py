@@ -131,8 +131,9 @@ def sample_pairs(
             perpendicular directions.
         home_std: standard deviation of each component of the rotation vector, body-1 axes, by which the attitude of
             body 2 at psi = 0 (`home`) deviates [rad]: a number, or shape (3,).
-        covariance: covariance of u1, u2, n and the rotation vector of home, such as `HingeFit.covariance`; shape
-            (12, 12).
+        covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2 (body-2
+            axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes) [rad];
+            shape (12, 12), such as `HingeFit.covariance`.
         seed: an integer, which gives the same pairs in every call, or a numpy.random.Generator. By default, each call
             gives other pairs.
 

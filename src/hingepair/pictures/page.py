@@ -51,8 +51,9 @@ def view(
     an ArgumentError for arguments that cannot be used.
 
     Bodies are drawn as the boxes, cylinders and spheres that the URDF or the pair gives them. Any other body has
-    simple shapes: rods from joint to joint, a drum at a hinge, a prism at a slider. A motion has a slider of time,
-    and the paths of the frames that are shown.
+    simple shapes: rods from joint to joint, a drum at a hinge, a prism at a prismatic joint. For a motion, the page
+    also has a time slider and shows paths: for a pair, those of both bodies and of the hinge, and for any source,
+    that of the frame that is selected on the page.
 
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns

@@ -107,7 +107,7 @@ class SampledScene(Shown, abc.ABC):
         return np.asarray(read_only(self.instants[:]))
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, or of one of its components, as text."""
+        """Return the unit of an output, or of one of its components, as a string."""
         return unit_of(name)
 
     @property
