@@ -132,13 +132,15 @@ def linearize(
         gravity: acceleration of free fall [m/s^2], as for `simulate`.
         base: what holds body 1: "free" (the default), "pinned", "fixed", or a callable, as for `simulate`.
         t: instant at which loads and a callable base are evaluated [s]; 0 by default.
-        equilibrium: whether to linearize about the stable equilibrium near the given state, which must be a state of
-            rest. By default (False) the motion is linearized about the given state.
+        equilibrium: whether to linearize about the stable equilibrium near the given state. The given state must then
+            be a state of rest. By default (False) the motion is linearized about the given state.
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Linearization`: the matrices `.A` and `.B`, `.names` of the components of the state, `.psi`, `.poles`,
-        `.natural_frequencies` and `.damping_ratios`.
+        A `Linearization`: the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u, where x is the deviation of the
+        state, whose k components `.names` lists, and u is the deviation of the torque at the hinge [N m]; the hinge
+        angle `.psi` about which the motion is linearized [rad]; `.poles` [1/s], `.natural_frequencies` [rad/s] and
+        `.damping_ratios`.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the

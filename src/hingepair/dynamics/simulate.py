@@ -97,7 +97,7 @@ class _SimulatedMotionBase:
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential energy of all bodies that have mass properties at the instants (D7);
-        return an Energy of `.kinetic` and `.potential`, (N,) each.
+        return an Energy with the attributes `.kinetic` and `.potential`, (N,) each.
         """
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
@@ -116,8 +116,8 @@ class _SimulatedMotionBase:
         return self._balance()
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular momentum at the instants (D8); return a Momentum of `.linear` and
-        `.angular`, (N, 3) each. Raise an ArgumentError unless both bodies have mass properties.
+        """Compute the linear and angular momentum at the instants (D8); return a Momentum with the attributes
+        `.linear` and `.angular`, (N, 3) each. Raise an ArgumentError unless both bodies have mass properties.
         """
         return self.space.momentum(self.body1, self.psi, self.psid)
 

@@ -26,9 +26,9 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia
 def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
-    """Read the hinge named `joint` of a URDF, a file's path or text, and return it as a HingePair. `body1_frame` and
-    `body2_frame` name the links whose frames are (R1, S1) and (R2, S2); by default, they are the links that the joint
-    connects. Leave out mass properties that no rigid body can have, with a warning.
+    """Read the hinge named `joint` from a URDF file or from URDF text, and return it as a HingePair. `body1_frame`
+    and `body2_frame` name the links whose frames are (R1, S1) and (R2, S2); by default, they are the links that the
+    joint connects. Mass properties that no rigid body can have are left out, and a warning says so.
 
     Args:
         path_or_text: path of a file, or the URDF itself (text that starts with "<").
@@ -57,7 +57,7 @@ def from_urdf(
     Raises:
         URDFError: the URDF cannot be read; or it has no such hinge or frame, and the message lists what it has; or
             the lower limit is above the upper limit; or the parent or child link is not declared, or both are fixed
-            to each other; or a value of the two bodies is not a number. Errors in other parts of the robot are
+            to each other; or a value of the two bodies is not a finite number. Errors in other parts of the robot are
             ignored, except a joint whose parent link is not declared, since the links that this joint carries might
             belong to one of the bodies.
 

@@ -207,8 +207,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def psi_error_estimate(self) -> Any:
-        """Estimated error of the hinge angle psi at the worst instant [rad]. The kind of the result and the method
-        are those of `error_estimate`.
+        """Estimated error of the hinge angle psi at the worst instant [rad]. It is a number for one motion, and an
+        array of shape (...,) for many motions, lazy for a trajectory of Dask arrays. It is estimated by the method of
+        `error_estimate`.
         """
         return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
 

@@ -49,9 +49,10 @@ class ClusterFit:
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
-    """Fit the pose of a body at each sample to recorded positions of `markers` on it (N, M, 3), by least squares
-    (Kabsch's algorithm), and return a ClusterFit. `reference` are the places of the markers in the body's axes (M,
-    3); if None, fit these too. Raise FitError if the markers do not determine the attitude.
+    """Fit the pose of a body at each of N samples to the recorded positions `markers` (N, M, 3) of M markers on it,
+    by least squares (Kabsch's algorithm), and return a ClusterFit. `reference` (M, 3) holds the places of the markers
+    in the body's axes; if it is None, these places are fitted too. Raise FitError if the markers do not determine the
+    attitude.
 
     Args:
         markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3). There

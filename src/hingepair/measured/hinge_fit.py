@@ -152,9 +152,8 @@ class HingeFit(Shown):
     @property
     def residuals(self) -> Residuals:
         """Return a Residuals report on the hinge constraints E1 and E2 of every sample. The tolerances are five times
-        the rms residuals of the fit, or the tolerances for rounding errors if the fit is not `ok`.
-
-        If the fit is not `ok`, its residuals may be more than noise, so no tolerances are derived from them.
+        the rms residuals of the fit. If the fit is not `ok`, its residuals may be more than noise, and the
+        tolerances are the defaults of `HingePair.residuals`, which cover rounding errors.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_REPORT_LIMIT_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}

@@ -134,8 +134,8 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
             0 if the biases were subtracted from the data.
 
     Returns:
-        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). Both axes with opposite signs
-        describe the same hinge. The sign is chosen such that a component of n1 is positive: the first one whose
+        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). If both axes are reversed,
+        they describe the same hinge. The sign is chosen such that a component of n1 is positive: the first one whose
         magnitude is at least 0.45 times the largest magnitude.
 
     Raises:

@@ -33,23 +33,23 @@ def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
     """Interpolate `values`, arrays or a BodyMotion recorded at instants t, at the instants `to`; return numbers or a
-    BodyMotion. The result is NaN outside the recording, and in gaps longer than `gaps` seconds between samples.
+    BodyMotion. The result is NaN outside the recording, and between samples that are more than `gaps` seconds apart.
     Warn of wrapped angles, and of instants that are probably not in seconds.
 
     Between samples, the cubic polynomial through the four nearest samples is evaluated, with an error of order h^4 in
     the time step h. Attitudes are interpolated as rotation vectors relative to the sample before. At an instant of
     the recording the sample itself is returned. Samples that are not finite are skipped. Nothing is extrapolated.
-    Angles must have no jumps by 2 pi (`numpy.unwrap` removes them). Give attitudes as a BodyMotion. The
-    components of quaternions in an array are interpolated as numbers, and refused if the sign of a quaternion
-    changes.
+    Angles must have no jumps of 2 pi (`numpy.unwrap` removes them). Give attitudes as a BodyMotion. An array
+    (N, ..., 4) is taken for quaternions if all norms along its last axis are within 0.01 of 1. It is interpolated as
+    plain numbers, and an ArgumentError is raised if the sign of a quaternion changes.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
-        to: the new instants, of the same clock and in the same form as t; shape (M,).
-        gaps: longest time without a sample that is interpolated across [s]. A smaller value than 1.5 median time
-            steps counts as 1.5 median time steps.
+        to: the new instants, on the same clock and in the same form as t; shape (M,).
+        gaps: longest time without a sample that is interpolated across [s]. A value below 1.5 times the median time
+            step counts as 1.5 times the median time step.
 
     Returns:
         float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). They are NaN before the first sample, after
@@ -134,8 +134,8 @@ def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
     """Return `values`, columns or (if `rotations`) rotation matrices, recorded at increasing instants t and
-    interpolated at other instants `to`. The result is NaN before and after the recording, and within times longer
-    than `gaps` seconds without a sample.
+    interpolated at other instants `to`. The result is NaN before and after the recording, and between samples that
+    are more than `gaps` seconds apart.
     """
     result = np.full((to.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))

@@ -213,8 +213,9 @@ class Mechanism(MechanismMethods):
         """Inertias of the motors' rotors, which are added to the diagonal of the mass matrix; shape (dof,).
 
         The unit is kg m^2 for hinges and kg for sliders. Each is the inertia of the rotor times the square of the
-        gear ratio; rotors of mimic joints are counted at the coordinate of their leader. Only robots from Pinocchio
-        models (`from_pinocchio`) have such inertias; for all others they are 0.
+        gear ratio. The rotor of a mimic joint adds this inertia times the square of the mimic multiplier to the
+        coordinate of the joint that the mimic joint follows. Only robots from Pinocchio models (`from_pinocchio`)
+        have such inertias; for all others they are 0.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:

@@ -445,7 +445,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
         compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
-        `out` is written in place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first computation with
+        masses, warn of masses and inertias that were not given or that no rigid body can have.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -471,12 +472,15 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof): bias_forces in tau =
         mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). The array `out` is written in
-        place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        place. `base_motion` is None or a BodyMotion. At the robot's first computation with masses, warn of masses and
+        inertias that were not given or that no rigid body can have.
 
-        They hold the effects of velocities and of gravity. For a free base, they are (force1, torque1, tau): force on
-        the base at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and
-        omega are used, for a "fixed" base also a and alpha. `gravity` is the acceleration of free fall, world axes
-        [m/s^2], shape (3,); `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+        Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
+        Coriolis, centrifugal and gravity terms. For a free base, they are (force1, torque1, tau): force on the base
+        at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and omega are
+        used. If the base is "fixed", which means that it rests or moves as `base_motion` prescribes, a and alpha are
+        used too. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,); `qd` are the time
+        derivatives of q; the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -499,7 +503,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
         for a free base (..., 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion.
-        Warn of masses as `inverse_dynamics` does.
+        At the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
+        body can have.
 
         For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
         then the forces of the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
@@ -524,8 +529,9 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
-        "fixed" base is not counted. The array `out` is written in place. `base_motion` is None or a BodyMotion. Warn
-        of masses as `inverse_dynamics` does.
+        "fixed" base is not counted. The array `out` is written in place. `base_motion` is None or a BodyMotion. At
+        the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
+        body can have.
 
         The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
         body is `Body.center_of_mass`.
@@ -547,8 +553,9 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): the velocity of the centre of mass
-        is J @ qd. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 + dof). The array `out` is
-        written in place. `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        is J @ qd if the base is at rest. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 +
+        dof). The array `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first
+        computation with masses, warn of masses and inertias that were not given or that no rigid body can have.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -572,7 +579,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias, as an array (..., 3).
         For a free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place.
-        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        `base_motion` is None or a BodyMotion. At the robot's first computation with masses, warn of masses and
+        inertias that were not given or that no rigid body can have.
 
         J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
         `acceleration_bias`, without `frame`.
@@ -595,9 +603,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and the potential energy of the robot [J]; return an Energy of `.kinetic` and
-        `.potential`, arrays of shape (...) (T7). The potential energy is 0 for a mass at the origin of the world.
-        `base_motion` is None or a BodyMotion. Warn of masses as `inverse_dynamics` does.
+        """Compute the kinetic and the potential energy of the robot [J]; return an Energy with the
+        attributes `.kinetic` and `.potential`, arrays of shape (...) (T7). The potential energy is 0 for a mass at
+        the origin of the world. `base_motion` is None or a BodyMotion. At the robot's first computation with masses,
+        warn of masses and inertias that were not given or that no rigid body can have.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
         kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -623,9 +632,10 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Momentum:
         """Compute the linear [kg m/s] and the angular momentum [kg m^2/s] of the robot, world axes; return a Momentum
-        of `.linear` and `.angular`, shape (..., 3) each (T8). The angular momentum is taken about the point `about`,
-        "origin" (of the world) or "centre" (of mass). `base_motion` is None or a BodyMotion. Warn of masses as
-        `inverse_dynamics` does.
+        with the attributes `.linear` and `.angular`, shape (..., 3) each (T8). The angular momentum is taken about
+        the point `about`, "origin" (of the world) or "centre" (of mass). `base_motion` is None or a BodyMotion. At
+        the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
+        body can have.
 
         By default, `about` is "origin". The mass of a "fixed" base and the inertias of rotors (`armature`) are not
         counted. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -674,12 +684,15 @@ class MechanismMethods(Shown):
                 for a tuple all outputs of `forward_kinematics` that it allows.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for all cores.
-            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles.
+            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
+                fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A callable that takes the arrays in the order of `given`, and optionally `out=`, and returns the results
-            of the method that it stands for. Its attribute `.source` is the generated Python code, `.llvm` the LLVM
-            code, and `.operations` the numbers of operations, which are also printed with the callable.
+            A callable that takes the arrays in the order of `given`, and optionally `out=`, and returns what the
+            robot's method for these outputs returns: `forward_kinematics` for "pose", "velocity" and "acceleration",
+            otherwise the method with the name of the computation. For a tuple, `outputs` decide which method it is.
+            Its attribute `.source` is the generated Python code, `.llvm` the LLVM code, and `.operations` the numbers
+            of operations, which are also printed with the callable.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given; the message names it.
@@ -716,12 +729,12 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would make for q, for q and
-        qd, or for q, qd and qdd, given in this order. Return OperationCounts of `per_sample`, `shared` and
-        `unfolded`. A plain number in a dict of coordinates is a constant, which saves operations. The outputs are not
-        computed.
+        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform for q, for q
+        and qd, or for q, qd and qdd, given in this order. Return OperationCounts with the attributes `per_sample`,
+        `shared` and `unfolded`. A plain number in a dict of coordinates is a constant, which makes operations
+        unnecessary. The outputs are not computed.
 
-        Operations on constants alone are saved, or made once for all samples.
+        Operations whose operands are all constant are either eliminated or performed once for all samples.
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
@@ -730,8 +743,8 @@ class MechanismMethods(Shown):
             base_motion: pose and motion of the base; unless given, it rests at the origin.
 
         Returns:
-            Three counts: `.per_sample`, operations for each sample; `.shared`, operations that are made once for all
-            samples; `.unfolded`, operations for each sample if no input were constant.
+            Three counts: `.per_sample`, operations for each sample; `.shared`, operations that are performed once for
+            all samples; `.unfolded`, operations for each sample if no input were constant.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs coordinates that are not given.

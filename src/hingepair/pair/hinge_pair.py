@@ -327,8 +327,8 @@ class HingePair(Shown):
         it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output, at every
         sample.
 
-        The error is the difference from the exact result of the equations for the coordinates, u1, u2, n (before it
-        is scaled to unit length) and home exactly as given. The bounds are rigorous for both backends if sines and
+        The error is the difference from the exact result of the equations for the given inputs: the coordinates, u1,
+        u2, home, and n before it is scaled to unit length. The bounds are rigorous for both backends if sines and
         cosines are accurate to 1.5 units in the last place. Actual errors are usually at most a third of the bounds;
         they can come closer if only a few operations cause rounding errors.
 
@@ -463,9 +463,9 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """Compute the Accelerations of body 1 and of the hinge angle that forces and torques on both bodies and
-        gravity cause (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass properties,
-        or if the mass matrix is singular.
+        """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
+        on both bodies (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass
+        properties, or if the mass matrix is singular.
 
         The arrays broadcast against each other. Instead of an array, a force or torque may be the number 0.
 

@@ -328,8 +328,8 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """Compute the second time derivatives qdd of the coordinates that forces and torques on both bodies and
-        gravity cause, shape (..., 4) (D6). Raise ArgumentError if a body has no mass properties, or if the mass
+        """Compute the second time derivatives qdd of the coordinates, shape (..., 4), under gravity and under the
+        forces and torques on both bodies (D6). Raise ArgumentError if a body has no mass properties, or if the mass
         matrix is singular.
 
         Args:

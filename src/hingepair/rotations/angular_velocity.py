@@ -94,11 +94,12 @@ def angular_velocity_from_samples(
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i
     theta is 0, so that omega = theta' and alpha = theta'' exactly. These derivatives are those of the polynomial of
     degree `order` through sample i and order / 2 neighbours on either side. Near the ends, the polynomial is fitted
-    by least squares to the first or last order + 5 samples. Nearly equal matrices are never subtracted.
+    by least squares to the first or last order + 5 samples, or to all samples if there are fewer. Nearly equal
+    matrices are never subtracted.
 
-    White noise with a standard deviation of 1 rad in every component of the attitude, sampled at time steps h, causes
-    the standard deviations of omega in this table [rad / h]. A higher order suits smooth motion, a lower order noisy
-    data at small time steps:
+    White noise with the standard deviation sigma [rad] in every component of the attitude, sampled at time steps h
+    [s], gives every component of omega the standard deviation k sigma / h [rad/s], with k from this table. A higher
+    order suits smooth motion, a lower order noisy data at small time steps:
 
         order    in the middle    first and last sample
         2        0.71             0.68

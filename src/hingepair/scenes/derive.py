@@ -32,12 +32,12 @@ def derive(
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
     equations E1-E11; a Mechanism gives the FrameForms of its link, joint or frame named `frame`, by default of its
-    last link. `symbolic` names the constants that stay symbols, such as "u1". Raise an ArgumentError for arguments
-    that cannot be used.
+    only link without children. `symbolic` names the constants that stay symbols, such as "u1". Raise an ArgumentError
+    for arguments that cannot be used.
 
     The coordinates of a bare HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). Those of a PlanarPair are x(t), y(t), phi(t), psi(t). A Scene has the expressions of its
-    file; a coordinate that goes through way points stays a function of t.
+    file; a coordinate that the file gives by way points (instants and values) stays a function of t.
 
     Numbers are exact. An expression in a scene file, also in its table [pair], stays that expression. A float becomes
     the number that its shortest decimal form shows: 0.1 becomes 1/10. An axis is recognised as exact if the squares
@@ -46,8 +46,9 @@ def derive(
     show a constant as an exact expression unless its decimal form with 17 digits is shorter.
 
     A robot's base rests at the origin. Joints with parallel axes give sums of angles such as c_23 = cos(q_2 + q_3).
-    Sums that occur several times are named k_1, k_2. If a URDF file has right angles that are rounded to a few
-    digits, load the robot with snap=1e-6.
+    Sums that occur several times are named k_1, k_2. If a URDF file rounds right angles, such as 1.5708 for pi/2,
+    load the robot with `snap=1e-5`: angles within this tolerance [rad] of a multiple of pi/2 are taken as that
+    multiple.
 
     Args:
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
@@ -55,8 +56,8 @@ def derive(
             u1_y, u1_z and so on; n is taken to have length 1). For a scene: these, and the names of its constants.
             For a robot, only "u": the points of its joints (u_3x is the first component of the third joint's point,
             in the axes of the body that carries the joint) and the origin of the frame (p_x, p_y, p_z).
-        frame: name of a link, a joint or another frame of a robot; by default the last link.
-            Required if the robot has several last links; not for a scene or a pair.
+        frame: name of a link, a joint or another frame of a robot; by default its only link without
+            children. Required if several links have no children; not for a scene or a pair.
 
     Returns:
         For a scene or a pair, a Derivation: `.omega1`, `.R2` and so on are SymPy matrices in the symbol `.t`. For a

@@ -145,8 +145,8 @@ def cross_validate_from_body1(
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
 ) -> CrossValidation:
-    """Compute the motion of body 2 by the equations and by Pinocchio, from the motion of body 1 and psi, with psid
-    and psidd as far as given; return a CrossValidation, the report on their comparison.
+    """Compute the motion of body 2 by the equations and by Pinocchio, from the motion of body 1, from psi, and from
+    psid and psidd if they are given; return a CrossValidation, the report on their comparison.
 
     This function compares the same outputs as `cross_validate`, but takes the attitude of body 1 as a matrix instead
     of Euler angles. Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a
