@@ -114,7 +114,7 @@ class Mechanism(MechanismMethods):
             locked: positions [rad or m] at which joints are held, by the joint's name, such as
                 {"panda_finger_joint1": 0.02}; mimic joints that follow them are held too. A position beyond the
                 joint's limits is used, with a `DynamicsWarning`.
-            snap: tolerance [rad], such as 1e-6. An angle of an origin (rpy) that differs from a multiple of pi/2 by
+            snap: tolerance [rad], such as 1e-5. An angle of an origin (rpy) that differs from a multiple of pi/2 by
                 at most this is taken as exactly that multiple: its sine and cosine are exactly 0, 1 or -1. By
                 default, only the double nearest to a multiple of pi/2 is treated in this way.
 

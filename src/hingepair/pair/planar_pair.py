@@ -1,4 +1,4 @@
-"""The planar pair: two bodies in a plane joined by a pin (E11)."""
+"""The planar pair: two bodies in a plane joined by a pin (a hinge) (E11)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class PlanarPair(Shown):
-    """Two bodies in a plane joined by a pin: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
+    """Two bodies in a plane joined by a pin (a hinge): R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
     It corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of body 1
     and body 2 about z, psi is the hinge angle. The values are copied, and the attributes are read-only.
@@ -254,7 +254,7 @@ class PlanarPair(Shown):
     def inverse_dynamics(
         self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
     ) -> Forces:
-        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the pin (D1-D5).
+        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (D1-D5).
         `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
 
         Args:
