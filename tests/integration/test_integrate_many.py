@@ -76,7 +76,7 @@ def test_motions_have_the_bits_of_calls_of_their_own(name, backend):
 
 @pytest.mark.parametrize("count", [1, 2, 40])
 def test_few_instants_and_groups_of_motions_change_no_bit(count, monkeypatch):
-    monkeypatch.setattr(integrate, "_MAX_STEPS_PER_MOTION_GROUP", 2 * count)  # two motions, then the last alone
+    monkeypatch.setattr(integrate, "_MAX_TOTAL_STEPS_OF_MOTION_GROUP", 2 * count)  # two motions, then the last alone
     calls, together = [], integrate.integrate_together
     monkeypatch.setattr(integrate, "integrate_together", lambda *given: calls.append(1) or together(*given))
     t, arguments = T[:count], {"S1_0": S1_0, "psi_0": PSI_0, "backend": "numpy", "frame": "body"}

@@ -184,9 +184,9 @@ def make_rows(
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Return the table rows of a case, computed from `repeat_seconds`, the run times of a call in each repeat by the
-    method's name. Ratios refer to the first method. `counts` are the samples of a call; errors and extra columns are
-    given by the method's name.
+    """Return the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the run times
+    of a call, one for each repeat. Ratios refer to the first method. `counts` are the samples of a call; errors and
+    extra columns are given by the method's name.
 
     Args:
         case: name of the case.

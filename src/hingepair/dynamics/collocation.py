@@ -27,7 +27,7 @@ StateRates: TypeAlias = Callable[[Array, Array], Array]
 
 NODE_COUNT: Final = 8
 """Nodes of a step."""
-_MAX_NODE_ITERATIONS: Final = 30  # of the states at the nodes; a step that needs more is too long
+_MAX_NODE_ITERATIONS_PER_STEP: Final = 30  # of the states at the nodes; a step that needs more is too long
 _STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
 _MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
 # Factor of the length by which errors of velocities are scaled, with each shorter step.
@@ -352,7 +352,7 @@ class Stepper:
         times, sizes, last_change = self.t + length * RELATIVE_NODE_TIMES, self._error_sizes(length), np.inf
         states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
-        for iteration in range(_MAX_NODE_ITERATIONS):
+        for iteration in range(_MAX_NODE_ITERATIONS_PER_STEP):
             if use_newton and iteration % _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
                 if not iteration and not self._stiffness(length) > _MIN_STIFFNESS_FOR_NEWTON:

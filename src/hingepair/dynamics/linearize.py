@@ -43,7 +43,7 @@ _STATE_COMPONENT_NAMES: Final = (
 class Linearization:
     """Linearized motion of a pair, x' = A x + B hinge_torque for small changes x of the state: matrices A and B,
     `names` of the components of x, hinge angle psi, motion `body1`, `rates` of the state, and poles with natural
-    frequencies and damping ratios. `print` shows the poles.
+    frequencies and damping ratios. The built-in `print` shows the poles.
 
     Attributes:
         A: derivatives of the state's rates with respect to the state; shape (k, k).

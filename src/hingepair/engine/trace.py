@@ -239,8 +239,8 @@ def component_name(name: str, k: int, count: int) -> str:
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Name the traced components of a value, a scalar or a tuple, for generated code: by `labels`, or by `name` and a
-    suffix if that is None. Components that have a name already keep it.
+    """Set in place the names that the traced components of a value, a scalar or a tuple, have in generated code: from
+    `labels`, or from `name` and a suffix if that is None. Components that have a name, and negatives, are skipped.
     """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):

@@ -116,7 +116,9 @@ def turned_back(turn: Turn, v: Vector) -> Vector:
 
 
 def turned_columns(A: Matrix, turn: Turn) -> Matrix:
-    """Return the matrix product A Sz(q), where turn = (sin q, cos q)."""
+    """Return the product of a matrix A and the rotation by q about z, both as nine entries by rows; `turn` is
+    (sin q, cos q).
+    """
     s, c = turn
     return (
         c * A[0] + s * A[1], c * A[1] - s * A[0], A[2],
@@ -139,8 +141,9 @@ def to_child(placement: Placement, v: Vector) -> Vector:
 def joint_placements(
     links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
 ) -> list[Placement]:
-    """Return a list of the placements of all joints: the pose of each joint's body in its parent. `turns` holds (sin
-    q, cos q) of hinges and None of sliders; `shifts` holds q of sliders, and its other entries are not read.
+    """Return a list of Placements (S, turn, r), one for each joint: the pose of its body in its parent, in which the
+    joint's own turn about z, (sin q, cos q), is kept apart from the fixed rotation S. `turns` holds these turns of
+    hinges and None of sliders; `shifts` holds q of sliders, and its other entries are not read.
     """
     return [
         Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)

@@ -114,8 +114,8 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _expected_robot_text(robot: str) -> str:
-    """Return the text that a message on an unknown robot's name gives as expected: the number of robots and the
-    nearest names.
+    """Return the part of the error message on an unknown robot that says what was expected: the number of robots and
+    the nearest names.
     """
     import difflib
 

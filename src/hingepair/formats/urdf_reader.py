@@ -167,7 +167,7 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
-    """Return the boxes, cylinders and spheres that draw links as one tuple, in the axes in which the FramePoses
-    `poses` are given by link name. The tuple is empty if a link is drawn by anything else.
+    """Return a tuple of the boxes, cylinders and spheres of the visual shapes of links. `poses` maps the links' names
+    to FramePoses, in whose axes the shapes are returned. The tuple is empty if a link is drawn by anything else.
     """
     return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

@@ -80,7 +80,7 @@ _EXPECTED_R1_TEXT_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1"
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
-_MAX_STEPS_PER_MOTION_GROUP: Final = 65_536
+_MAX_TOTAL_STEPS_OF_MOTION_GROUP: Final = 65_536
 """Steps that are integrated together at most, of all motions of a group."""
 
 _R1_ARGUMENT_NAME_BY_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
@@ -411,7 +411,7 @@ def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> li
     its hinge angles. The list has None for a motion that is alone in its group, and for all motions if the options
     give each of them steps of its own (a tolerance, Euler angles or SciPy's solver).
     """
-    group_size = max(1, _MAX_STEPS_PER_MOTION_GROUP // len(options.t))
+    group_size = max(1, _MAX_TOTAL_STEPS_OF_MOTION_GROUP // len(options.t))
     results: list[tuple[Array, Array] | None] = []
     for first in range(0, len(motions), group_size):
         group = motions[first : first + group_size]

@@ -202,8 +202,8 @@ def _divide_pieces(
 
 
 def _cautious_sizes(pieces: _Pieces) -> Array:
-    """Return the error sizes of pieces, enlarged where they may be small by chance; 0 for a piece too short to
-    divide.
+    """Return the error sizes of pieces of the time span. Those of irregular pieces, which may be small by chance, are
+    multiplied by a safety factor. The size is 0 for a piece that is too short to divide.
     """
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
     return np.where(

@@ -236,8 +236,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_TrajectoryBase):
-    """The motion of a pair over time, as `integrate` returns it (E12). It also has every attribute of its state: R2,
-    S2, v2 and so on.
+    """The motion of a pair over time, or many motions over the same instants, as `integrate` returns them (E12). A
+    trajectory also has the outputs of a state: R2, S2, v2 and so on.
 
     A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
     below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one

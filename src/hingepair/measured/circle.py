@@ -111,9 +111,9 @@ class CircleFit(NamedTuple):
     normal: Float64Array  # matrix of the normal equations, in squares of metres; (6, 6), or (7, 7) with the offset
 
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
-        """Return whether the motion determines the clock offset: whether the residuals depend on the offset far more
-        than they would by noise alone. `noise_poses` are RelativePoses whose derivatives with respect to the offset
-        are such noise.
+        """Return whether the motion determines the clock offset: whether the fit has converged, the residuals depend
+        on the offset far more than they would by noise alone, and the offset is certain enough. `noise_poses` are
+        RelativePoses whose derivatives with respect to the offset are such noise.
         """
         k = _NUM_CIRCLE_PARAMETERS
         across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]

@@ -50,7 +50,7 @@ _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
 """Residuals that are not noise: the axis is still reliable below this."""
 _MAX_FORCE_RESIDUAL_TO_RMS_DIFFERENCE_OF_BODIES = 0.07
 """Residuals that are not noise, over the difference of both forces: the point is still reliable below this."""
-_MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE = 0.2  # from which the sign of n2 is shown
+_MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
 _MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM = 1e-10  # from which a direction is not rounding
 _MIN_AXIS_SIGNAL_TO_NOISE = 10.0
 """Size of the normal matrix over what noise adds to it, from which a direction of the axes is shown. What noise adds
@@ -208,7 +208,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         )
     elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * usual:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(alike) < _MIN_CORRELATION_OF_ANGLE_CHANGE_WITH_RATE:
+    if max(alike) < _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):

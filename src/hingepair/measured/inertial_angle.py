@@ -27,7 +27,7 @@ _NUM_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to
 _MIN_VECTOR_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
 _MAX_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
 _DIRECTION_LOSS_SCALE_IN_VARIANCES = 4.0  # of squared residuals, above which a direction counts less
-_MAX_DIRECTION_SCATTER_TO_NOISE = 3.0  # of directions about the integrated angle
+_MAX_SCATTER_ABOUT_INTEGRATED_ANGLE_TO_NOISE = 3.0  # of directions about the integrated angle
 _MIN_READING_NOISE_STD = 1e-9  # of a component of a vector that both sensors read [its unit]
 _MIN_DIRECTION_NOISE_STD = 1e-9  # [rad]
 _MIN_RATE_BIAS_STD = 1e-9  # [rad/s]
@@ -147,7 +147,7 @@ def fit_angle(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if estimate.excess > _MAX_DIRECTION_SCATTER_TO_NOISE:
+    if estimate.excess > _MAX_SCATTER_ABOUT_INTEGRATED_ANGLE_TO_NOISE:
         findings.append(
             f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."

@@ -221,7 +221,7 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 class _MassMoments:
-    """Exact mass m, first moment h and second moment N of a body about its reference point, in the program's axes."""
+    """Sums of exact mass m, first moment h and second moment N about a point, to which `add` adds bodies."""
 
     def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
         self.m, self.h, self.N = m, h, N

@@ -481,8 +481,8 @@ class Computation:
         return tuple(tuple(part + doubt for part in group) for group in groups)
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''), of which
-        the first two hold for a free base only. All are NaN where M is singular.
+        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). The first
+        two are meaningless unless the base is free. All are NaN where M is singular.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """

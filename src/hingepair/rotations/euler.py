@@ -218,7 +218,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """Return the rates of the three canonical angles of a Sequence for the angular velocity `omega` in world axes
-    (E4). `trig` is a tuple of (sin, cos) of the canonical angles, one after the other. The rates are not finite at
+    (E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The rates are not finite at
     gimbal lock.
     """
     axes = sequence.axes(trig)

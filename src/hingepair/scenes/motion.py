@@ -22,7 +22,9 @@ from hingepair.scenes.known_motion import KnownMotion
 
 
 class PairMotionSource(Protocol):
-    """Protocol of a pair's motion at all instants of a scene. `part` returns the motion at some of the instants."""
+    """Protocol of a pair's motion at all instants of a scene. `level` is the order of its highest derivative,
+    `sequence` its Euler sequence, and `part` returns the KnownMotion at some of the instants.
+    """
 
     @property
     def level(self) -> int:

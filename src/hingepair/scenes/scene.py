@@ -132,7 +132,8 @@ class SceneResult(Frozen, Result):
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential Energy [J] of the pair at the instants (D7), in the scene's gravity;
-        return an Energy. Raise an ArgumentError if mass properties or second derivatives are missing.
+        return an Energy. Raise an ArgumentError if body 2 has no mass properties, or no output with second
+        derivatives was requested.
 
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.

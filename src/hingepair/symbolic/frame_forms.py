@@ -424,7 +424,7 @@ def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[s
 
 def _with_decimals(expr: Expr) -> Expr:
     """Return a copy of an expression in which each constant part that is not an integer is replaced by a symbol whose
-    name is its decimal text. Powers with symbols stay unchanged.
+    name is its decimal text. Powers that contain a symbol stay unchanged.
     """
     if not expr.free_symbols:
         value = constant_value(expr)

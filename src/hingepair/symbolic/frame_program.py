@@ -91,8 +91,8 @@ class _ParallelJoints:
         self.parts: list[_Lever | _HingePart | _SliderPart] = []
 
     def sign(self, axis: Float64Array) -> int:
-        """Return 1 if an axis, in the axes of the last body, is parallel to the group's axis, -1 if it is opposite, 0
-        otherwise.
+        """Return 1 if an axis, in the axes of the last body, has the direction of the group's axis, -1 if it has
+        the opposite direction, 0 otherwise.
         """
         if self.direction is None:
             return 0

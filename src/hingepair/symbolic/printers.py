@@ -154,7 +154,7 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
 
 
 # SymPy's names of functions with kinks.
-_SYMPY_NAME_BY_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
+_SYMPY_NAME_BY_KINK_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
 
 
 class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
@@ -162,8 +162,8 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
 
     def _print_Function(self, expr: Expr) -> str:
         """Return the source of a function call. Functions with kinks become SymPy's Max, Min, Mod or Piecewise."""
-        if type(expr) in _SYMPY_NAME_BY_CLASS:
-            return f"{_SYMPY_NAME_BY_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        if type(expr) in _SYMPY_NAME_BY_KINK_CLASS:
+            return f"{_SYMPY_NAME_BY_KINK_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
             x, y = map(self._print, expr.args[1:])
             return f"Piecewise(({x}, {self._condition_source(expr.guard)}), ({y}, True))"

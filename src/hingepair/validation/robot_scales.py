@@ -74,8 +74,8 @@ class RobotScales:
         return {"S": total["S"], **{name: total[letter] for name, letter in _SCALE_SYMBOL_BY_OUTPUT.items()}}
 
     def jacobian(self, frame: Frame) -> Float64Array:
-        """Return the error scales of the Jacobian of a frame, shape (N, 6, 6 + joints); the first six columns are
-        those of the base.
+        """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints); the first six columns
+        are those of the base.
 
         Pinocchio first computes the motions of the joints at the origin of the world; therefore positions count.
         """

@@ -102,8 +102,8 @@ class KnownJointMotion:
 
 
 class JointMotionSource(Protocol):
-    """Protocol of the joint coordinates at all instants of a scene. `part` returns the coordinates at some of the
-    instants.
+    """Protocol of the joint coordinates at all instants of a scene. `level` is the order of their highest derivative,
+    and `part` returns the coordinates at some of the instants.
     """
 
     @property
