@@ -114,12 +114,13 @@ def linearize(
     frequencies and damping ratios. The loads and `base` are as for `simulate`. Raise an ArgumentError if friction or
     a stop holds the hinge, or if no equilibrium is found.
 
-    The arguments have the meaning and the defaults of those of `simulate`, at one instant. Derivatives are computed
-    by finite differences of order 4.
+    The arguments of the same names have the same meaning and the same defaults as for `simulate`, but they describe
+    one instant. Derivatives are computed by finite differences of order 4.
 
     Args:
         pair: a pair whose bodies have mass properties, as for `simulate`.
-        body1: state of body 1: R and S; v and omega are zero by default. None if `base` is a callable.
+        body1: motion of body 1 as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
+            callable.
         psi_0: hinge angle [rad].
         psid_0: hinge rate [rad/s]; 0 by default.
         hinge_torque: torque at the hinge [N m], as for `simulate`. A HingeLoad with dry friction needs a

@@ -190,8 +190,8 @@ def simulate(
     SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
-    integrated on the rotation group. If the pair is free and has no loads, momentum and angular momentum are
-    conserved to the last bit.
+    integrated on the rotation group. If the pair is free and no loads or gravity act on it, momentum and angular
+    momentum are conserved to the last bit.
 
     The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
     `DynamicsWarning` is issued if psi leaves the limits where there is no stop, or goes far into a stop.
@@ -202,12 +202,13 @@ def simulate(
             `now` that callables receive are those of a spatial pair: R lies in the plane z = 0 and S is a rotation
             about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
         t: instants [s], increasing; shape (N,).
-        body1: motion of body 1 at t[0]: R and S; v and omega are zero by default. None if `base` is a callable.
+        body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
+            callable.
         psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
         psid_0: hinge rate at t[0] [rad/s]. None if `hinge` is a callable.
         hinge: "free" (the default), so that the loads determine the motion of the hinge; or a callable of times (n,)
-            that returns psi, psi' and psi'', each (n,). The loads of the result then contain the hinge_torque that
-            this motion needs.
+            that returns psi, psi' and psi'', each (n,). The attribute `loads` of the result then contains the
+            hinge_torque that this motion needs.
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).
@@ -226,18 +227,19 @@ def simulate(
             - "fixed": body 1 stays at its pose at t[0];
             - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha.
         breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and
-            callables are evaluated just before and just after them. A pulse of a load that is not named here is found
-            if it is longer than 1/8000 of the simulated time or covers one of the instants t.
+            callables are evaluated just before and just after them. A pulse of a load whose instants are not given
+            here is found if it is longer than 1/8000 of the simulated time or covers one of the instants t.
         until: event that ends the motion: a callable of (t, now), as for force1, that returns values (n,). The motion
             ends when the value passes 0, and this instant is the last one of the result. An attribute `direction` of
             the callable selects, as for SciPy's events, values that rise (1), that fall (-1), or both (0, the
             default). If an impact makes the value jump across 0, the result ends with the motion before the impact. A
             value that reaches 0 at a rigid stop, or where friction stops the hinge, counts as having passed 0, even
             if it stays there or turns back. Otherwise a value that only touches 0 is not found. For a turning point
-            of psi return now.psid. Return a quantity that goes below 0, such as 1 - now.psi, instead of one that
+            of psi, return now.psid. Return a quantity that goes below 0, such as 1 - now.psi, instead of one that
             stays at 0, such as np.maximum(1 - now.psi, 0).
-        tol: largest error of one step: of angles tol [rad]; of positions tol times the sum of the lengths of u1, u2
-            and both bodies' center_of_mass [m]; from 1e-14 to 1e-2.
+        tol: tolerance of each step, a number from 1e-14 to 1e-2; 1e-10 by default. The error of an angle in one step
+            is at most tol [rad]. The error of a position is at most tol times the sum of the lengths of u1, u2 and
+            both bodies' center_of_mass [m].
         outputs: as for `forward_kinematics`; by default all outputs of body 2.
         backend: as for `forward_kinematics`.
 
@@ -246,8 +248,8 @@ def simulate(
         `.t`, `.S1`, `.psi`, `.R2`, ...) that also has `.body1`, `.psid`, `.psidd`, `.loads`, `.ended_by_event`
         (whether `until` ended the motion), `.energy()`, `.momentum()` and `.energy_balance()`. `.error_estimate` is
         the estimated error of the attitude of body 1 [rad], 0 if the base is fixed or a callable.
-        `.psi_error_estimate` is that of psi [rad]. Both are computed at the first access, by a second run with a
-        smaller tolerance.
+        `.psi_error_estimate` is the estimated error of psi [rad]. Both are computed at the first access, by a second
+        run with a smaller tolerance.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

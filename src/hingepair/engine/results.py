@@ -35,7 +35,7 @@ class Results(DaskCollection, Shown):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Leading shape of the samples; () for one state."""
+        """Shape of the leading axes of the arrays, which number the samples, as a tuple; () for one state."""
         return self._content[2]
 
     @property
@@ -44,8 +44,8 @@ class Results(DaskCollection, Shown):
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return a dictionary of all computed outputs: read-only arrays, or NumPy numbers for outputs without
-        axes.
+        """Return a dict of all computed outputs by their names. The values are read-only arrays; a scalar output of
+        one state is a NumPy number.
         """
         return {name: self[name] for name in self._content[0]}
 

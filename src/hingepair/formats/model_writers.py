@@ -69,8 +69,8 @@ def to_urdf(
     body1: BodyMotion | None = None,
 ) -> str:
     """Return a HingePair or a Mechanism as URDF text; equal pairs give equal texts. `base` is "free", "floating" or
-    "fixed". `hinge_torque` (a HingeLoad) and `body1` (a fixed pose of body 1) are only for pairs. Warn of properties
-    that URDF cannot hold.
+    "fixed". `hinge_torque` (a HingeLoad) and `body1` (the pose of a fixed body 1) are only for pairs. Warn if there
+    are properties that URDF cannot hold.
 
     For a pair, the text has three links:
 
@@ -84,10 +84,10 @@ def to_urdf(
     limit ordinary motions. Simulators reject principal moments of inertia of which one exceeds the sum of the others,
     which rounding can cause for a flat body. Such moments are written slightly larger, so that they are accepted.
 
-    For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. When the text is read
-    again, also by Pinocchio, the order of q is the same. Fixed and locked joints are written as fixed joints, and the
-    mass of all links that they join is written to one of these links. Shapes and inertias of rotors are not written;
-    a `DynamicsWarning` names the joints that have rotors.
+    For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
+    Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
+    the mass of all links that they join is written to one of these links. Shapes and inertias of rotors are not
+    written; a `DynamicsWarning` names the joints that have rotors.
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
@@ -157,8 +157,8 @@ def to_mjcf(
     gravity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> str:
     """Return the pair as text in MJCF, the model format of MuJoCo; equal pairs give equal texts. `base` is "free",
-    "pinned" or "fixed", `hinge_torque` a HingeLoad or None, and `body1` the initial pose of body 1 or None. Warn of
-    properties of `hinge_torque` that MJCF cannot hold.
+    "pinned" or "fixed". `hinge_torque` is a HingeLoad or None, and `body1` is the initial pose of body 1 or None.
+    Warn if `hinge_torque` has properties that MJCF cannot hold.
 
     The model has three bodies: `body1` has the frame (R1, S1); `body2_at_hinge` is its child, has its origin at the
     hinge point, and is rotated by the joint `hinge`; `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2). With
@@ -166,10 +166,10 @@ def to_mjcf(
 
     Args:
         pair: the pair; its limits, torque_limit, body1 and body2 are written if given. Its rate_limit is not written,
-            since MuJoCo has no limits of rates.
+            since MuJoCo has no rate limits.
         base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
-            (quat_wxyz, psi). The attitude is then S1 = S1_0 S(quat_wxyz), where S1_0 is the initial attitude.
-            "fixed": body 1 does not move, and qpos is (psi).
+            (quat_wxyz, psi). The attitude S1 is then the product of the initial attitude and the rotation matrix of
+            quat_wxyz, in this order. "fixed": body 1 does not move, and qpos is (psi).
         hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written, and its stops in place
             of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A `DynamicsWarning` lists
             its other properties, which MJCF cannot hold.

@@ -25,16 +25,17 @@ ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the rob
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return the named robot of the package example-robot-data as a Mechanism. `base` is "fixed" or "free", and
-    joints in `locked`, a dict of positions by name, are held. Angles (rpy) of the URDF's origins within `snap` [rad]
-    of a multiple of pi/2 are taken as that multiple. Warn as `Mechanism.from_urdf` does, for example if a joint is
-    locked beyond its limits.
+    """Return the named robot of the package example-robot-data as a Mechanism. `base` is "fixed" or "free". `locked`
+    is a dict from names of joints to the positions at which these joints are held. Angles (rpy) of the URDF's origins
+    that are within `snap` [rad] of a multiple of pi/2 are replaced by this multiple. Warn as `Mechanism.from_urdf`
+    does, for example if a joint is locked beyond its limits.
 
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
             `hingepair robots` lists the names.
-        base: "fixed" (default): the base rests, or moves as prescribed; "free": forces move the base.
-        locked: positions [rad or m] at which joints are held, by the joint's name, as for `Mechanism.from_urdf`.
+        base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
+        locked: dict from names of joints to the positions [rad or m] at which these joints are held, as for
+            `Mechanism.from_urdf`.
         snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`.
 
     Raises:

@@ -51,15 +51,19 @@ def from_urdf(
         - The boxes, cylinders and spheres of a body are read, unless the body is also drawn by other shapes, such as
           meshes. Meshes and the name of the robot are not read.
 
-        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then that of the pair. The effort 1000
+        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then the u2 of that pair. The effort 1000
         and the velocity 100, which `to_urdf` writes for a missing limit, are read as limits.
 
     Raises:
-        URDFError: the URDF cannot be read; or it has no such hinge or frame, and the message lists what it has; or
-            the lower limit is above the upper limit; or the parent or child link is not declared, or both are fixed
-            to each other; or a value of the two bodies is not a finite number. Errors in other parts of the robot are
-            ignored, except a joint whose parent link is not declared, since the links that this joint carries might
-            belong to one of the bodies.
+        URDFError: one of these faults was found; errors in other parts of the robot are ignored:
+
+            - The URDF cannot be read.
+            - It has no such hinge or frame; the message lists the hinges or frames that it has.
+            - The lower limit is above the upper limit.
+            - The parent or the child link of the joint is not declared, or both are fixed to each other.
+            - A value of the two bodies is not a finite number.
+            - The parent link of any joint is not declared, since the links that this joint carries might belong to
+              one of the bodies.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))

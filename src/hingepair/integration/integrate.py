@@ -142,8 +142,8 @@ def integrate(
 ) -> Any:
     """Integrate the motion of a pair over the instants t from the angular velocity `omega1` of body 1 and the hinge
     rate `psid`, each a constant, samples at t or a callable of t (E12). Return a `Trajectory`, for a PlanarPair a
-    `PlanarTrajectory`. `frame` names the axes of omega1, "world" or "body". The motion starts from S1_0 (in the plane
-    phi_0) and psi_0. Raise an ArgumentError if the error cannot be kept below `tol`.
+    `PlanarTrajectory`. `frame` names the axes of omega1, "world" or "body". The motion starts from S1_0 (for a
+    PlanarPair phi_0) and psi_0. Raise an ArgumentError if the error cannot be kept below `tol`.
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -152,10 +152,10 @@ def integrate(
     - a callable that takes an array of times (n,) and returns an array (n, 3) or (n,), or a constant.
 
     Samples are interpolated by polynomials of degree 5, which presumes a smooth motion: at a kink or across a gap the
-    polynomials overshoot. With samples, only differences of instants matter. A callable is evaluated at times in
-    seconds: on the scale of t, or, if t is datetime64 or integer nanoseconds since 1970, from 0 at the first instant.
-    Seconds since 1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock
-    instead.
+    polynomials overshoot. With samples, only differences of instants matter. A callable receives times in seconds. If
+    t is in seconds, these are times on the scale of t. If t is datetime64 or integer nanoseconds since 1970, they are
+    counted from the first instant. Seconds since 1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or
+    integer nanoseconds of the clock instead.
 
     The methods are:
 
@@ -183,10 +183,10 @@ def integrate(
             integer nanoseconds are converted exactly to seconds since the first one.
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
-        R1: reference point of body 1, world axes [m]. It is a constant (3,), an array (N, 3), or a callable of t. A
-            tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one, gives its velocity and
-            acceleration too. By default it is the origin. If R1 moves and v1 (or a1) is not given, v2 (or a2) of the
-            result is None.
+        R1: position of the reference point of body 1, world axes [m]. It is a constant (3,), an array (N, 3), or a
+            callable of t. A tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns such a tuple, gives
+            its velocity and acceleration too. By default it is the origin. If R1 moves and v1 (or a1) is not given,
+            v2 (or a2) of the result is None.
         S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity by default.
         phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
@@ -199,13 +199,15 @@ def integrate(
             none if it is at one of the instants t.
         alpha1: angular acceleration of body 1 [rad/s^2], needed for the acceleration of body 2.
         psidd: hinge acceleration psi'' [rad/s^2], needed for the acceleration of body 2.
-        outputs: as for `forward_kinematics`. By default all outputs of body 2 that the inputs allow; () for none.
+        outputs: as for `forward_kinematics`. By default, all outputs of body 2 that can be computed from the inputs;
+            () for none.
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (..., N, 3, 3), `.quat_wxyz` (..., N, 4), `.psi`
-        (..., N) rad, each attribute of its `.state` (`.R2` (..., N, 3) m, ...), `.error_estimate` and
-        `.psi_error_estimate` (...,) rad. If there are many motions, `trajectory[i]` is the trajectory of one.
+        A `Trajectory`, for a PlanarPair a `PlanarTrajectory`. A Trajectory has the instants `.t` (N,) [s], the
+        attitude of body 1 as `.S1` (..., N, 3, 3) and `.quat_wxyz` (..., N, 4), the hinge angle `.psi` (..., N)
+        [rad], the outputs, such as `.R2` (..., N, 3) [m], and the estimated errors `.error_estimate` and
+        `.psi_error_estimate` (...,) [rad]. If there are many motions, `trajectory[i]` is the trajectory of one.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (the error gives the first index), or tol is

@@ -107,7 +107,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Shape of the leading axes of the arrays, those of the motions; () for one motion."""
+        """Shape of the leading axes of the arrays, which number the motions, as a tuple; () for one motion."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 
@@ -147,8 +147,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of the arrays of one motion: the outputs of the state, the motion of body 1 ("R1" and "S1",
-        in the plane "phi") and "psi"; shape (N, ...). Raise an ArgumentError for many motions or Dask arrays.
+        """Return a dict of the arrays of one motion by name, each of shape (N, ...). They are the outputs of the
+        state, "psi", and the motion of body 1: "R1" and "S1", or for a PlanarTrajectory "phi". Raise an ArgumentError
+        if the trajectory holds many motions or Dask arrays.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -189,15 +190,15 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         error.
 
         If rates are callables, each step is compared with steps of half the length or less. The estimate also allows
-        for jumps and kinks between the times at which the callables were evaluated, as far as their values there
-        permit them. If there are more than 65,536 steps, a selection is compared: the steps over which values change
-        most abruptly, and one in each part of the time. A feature narrower than about 1/500 of the total time may be
-        missed.
+        for jumps and kinks between the times at which the callables were evaluated, if the values at these times do
+        not rule them out. If there are more than 65,536 steps, only some are compared: the steps over which values
+        change most abruptly, and one step from each of many short parts of the total time. A feature narrower than
+        about 1/500 of the total time may be missed.
 
         If rates are samples, the estimate covers the error of interpolation: gaps, motion that the samples hardly
         resolve, and jumps and kinks, which may be anywhere between two samples. It also covers the rounding of time
-        stamps to double precision, single precision or decimals, as far as the values show this rounding. It is NaN
-        for fewer than 4 samples.
+        stamps to double precision, single precision or decimals, if the samples show this rounding. It is NaN for
+        fewer than 4 samples.
 
         The estimate does not cover noise in the arguments. Nor does it cover motion that leaves no trace in the
         samples, because it happens in a gap or has fewer than two samples per period. Nor does it cover the rounding
@@ -237,18 +238,18 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_TrajectoryBase):
     """The motion of a pair over time, or many motions over the same instants, as `integrate` returns them (E12). A
-    trajectory also has the outputs of a state: R2, S2, v2 and so on.
+    trajectory also has every attribute of its state: R2, S2, v2 and so on.
 
     A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
     below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one
-    motion, `trajectory[:10]` that of ten, and `to_xarray` returns all of them with labels. Files, tables and plots
-    take one motion.
+    motion, `trajectory[:10]` is the trajectory of the first ten, and `to_xarray` returns all motions as labelled
+    arrays. Files, tables and plots can be made of one motion only.
 
     Attributes:
         t: the instants [s]; shape (N,).
         quat_wxyz: attitude of body 1, body to world, as unit quaternions without jumps of sign; shape (..., N, 4).
         psi: hinge angle [rad]; shape (..., N).
-        R1: reference point of body 1, world axes [m]; shape (..., N, 3).
+        R1: position of the reference point of body 1, world axes [m]; shape (..., N, 3).
         state: the PairState at the instants.
         pair: the HingePair.
         method: name of the integration method, such as "magnus6".
@@ -267,7 +268,9 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation of body 1, body to world, computed from quaternions if not among the outputs; (..., N, 3, 3)."""
+        """Rotation matrix from the axes of body 1 to world axes; shape (..., N, 3, 3). It is computed from the
+        quaternions if S1 is not among the outputs.
+        """
         S1 = self.state.S1
         if S1 is not None:
             return S1
@@ -276,8 +279,9 @@ class Trajectory(_TrajectoryBase):
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Return the Euler angles of body 1 or 2 [rad], continuous in time, through gimbal lock too; (..., N, 3).
-        Raise an ArgumentError for body 2 without S2 among the outputs, and for Dask arrays.
+        """Return the Euler angles of body 1 or 2 [rad], shape (..., N, 3). They are continuous in time, also through
+        gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2 and S2 is not among the
+        outputs.
 
         Every attitude has two triples of angles, and whole turns may be added to each angle. The triple that is
         returned at each instant is the one nearest to the triple at the instant before. Angles must change by less
@@ -285,8 +289,8 @@ class Trajectory(_TrajectoryBase):
 
         Args:
             body: 1 or 2. Body 2 needs S2 among the outputs.
-            sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic, as in
-                SciPy.
+            sequence: the axes of the three rotations, such as "XYZ" (the default). There are 24 sequences: upper case
+                is intrinsic, lower case is extrinsic, as in SciPy.
 
         Returns:
             Angles in the order of the sequence's letters [rad]; shape (..., N, 3).

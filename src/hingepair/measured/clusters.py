@@ -34,7 +34,7 @@ class ClusterFit:
         residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
             not seen.
         rms: rms of these distances for each marker [m]; shape (M,).
-        noise: standard deviation of a coordinate of a marker [m].
+        noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
         ok: whether the cluster is rigid.
         findings: sentences that say which marker moved relative to the others.
     """
@@ -65,8 +65,9 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         The fit, whose `.body` is ready for `fit` and `smooth`.
 
     Raises:
-        FitError: no sample has three markers, or the markers are on a line. Without `reference`, also if a marker
-            that is missing in the sample with the most markers is never seen together with three others.
+        FitError: no sample has three markers, or the markers are on a line. Without `reference`, this error is also
+            raised if a marker that is missing in the sample with the most markers is never seen together with three
+            others.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

@@ -74,9 +74,9 @@ class EncoderFit:
         zero: hinge angle psi at which the encoder reads 0 [rad].
         scale: psi per unit of the reading: 1 for an encoder in radians that turns with psi, -1 for one that turns
             against it.
-        noise: standard deviation of the encoder, as a hinge angle [rad]; it is inaccurate where the noise of
-            the attitudes is larger.
-        std: dict of the standard deviations of zero and scale.
+        noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
+            inaccurate if the noise of the attitudes is larger.
+        std: dict of standard deviations with the keys "zero" [rad] and "scale".
     """
 
     zero: float
@@ -99,8 +99,8 @@ class HingeFit(Shown):
             order; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The rank is 9, as
             three of the twelve components follow from conventions: the length of n, the position of the hinge point
             along the axis, and the rotation of home about the axis.
-        std: dict of standard deviations: those of u1, u2, n and home have shape (3,); those of noise_position,
-            noise_angle and (with `t`) clock_offset are numbers.
+        std: dict of standard deviations. The values for the keys "u1", "u2", "n" and "home" have shape (3,); the
+            values for "noise_position", "noise_angle" and (with `t`) "clock_offset" are numbers.
         rms_position: rms of `gap` [m]; with a robust loss, weighted by `weights`.
         rms_angle: rms of `tilt` [rad], weighted in the same way; NaN if body 2 is a point (its S was not given).
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
@@ -108,15 +108,15 @@ class HingeFit(Shown):
             much larger.
         noise_angle: standard deviation of the measurement noise in each component of the relative attitude, and so of
             psi [rad]; it includes the noise of both bodies. It is NaN if body 2 is a point.
-        clock_offset: delay of the recording of body 2 [s]: a sample of body 2 with the time stamp s was taken at the
-            instant s + clock_offset of body 1's clock. It is None without `t`. Where the motion does not determine
-            it, it is 0 and its standard deviation is inf.
+        clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
+            stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
+            without `t`. If the motion does not determine it, it is 0 and its standard deviation is inf.
         encoder: the EncoderFit of the encoder; None if no readings were given.
-        ok: whether the motion is that of a hinge and determines the hinge.
-        findings: sentences that say what the motion does not determine, why it is not that of a hinge, and what else
-            is notable.
-        gauge: rule for the position of the hinge point along the axis, as given to `fit`.
-        loss: name of the loss, as given to `fit`.
+        ok: whether the recorded motion agrees with a hinge and determines this hinge.
+        findings: sentences that say what the motion does not determine, why it does not agree with a hinge, and what
+            else is notable.
+        gauge: name of the rule for the position of the hinge point along the axis, as given to `fit`.
+        loss: name of the loss function, as given to `fit`.
         weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 where a pose is
             missing.
         t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
