@@ -118,9 +118,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the poses of frames, named by `frames`; with `qd` also their velocities, with `qdd` also their
-        accelerations (E2, E5, E7-E9). Return a MechanismState. `base_motion` is a BodyMotion; without it, the base
-        rests at the origin of the world. Arrays in `out`, a dict by output name, are written in place.
+        """Compute the poses of the frames named in `frames`; with `qd` also their velocities, and with `qdd` also
+        their accelerations (E2, E5, E7-E9). Return a MechanismState. `base_motion` is a BodyMotion; without it, the
+        base rests at the origin of the world. `out` is a dict of arrays by output name, which are written in place.
 
         Args:
             q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
@@ -129,19 +129,21 @@ class MechanismMethods(Shown):
             qd: first time derivatives of q, in one of the forms of q.
             qdd: second time derivatives of q, in one of the forms of q; they need qd.
             frames: names of links, joints or added frames; unless given, `robot.tips`, the last link of every branch.
-                A name that a joint and a link share is the link's.
-            outputs: names out of R, S, d, v, omega, a, alpha; exactly these outputs are computed. By default these
-                are all outputs that the inputs allow.
+                If a joint and a link have the same name, it means the link.
+            outputs: names of the outputs to compute, out of R (position of the frame's origin), S (rotation matrix
+                from frame axes to world axes), d (vector from the base's reference point to R), v, omega, a and
+                alpha. By default, all outputs are computed for which the coordinates suffice.
             base_motion: pose and motion of the base; unless given, the base rests at the origin of the world.
             out: arrays by output name, which are written in place; shape (..., frames, 3), for S
                 (..., frames, 3, 3).
             workers: number of threads; -1 for all cores.
-            backend: "numpy", "compiled", or "auto" (default), which compiles where the number of samples is worth it.
+            backend: "numpy", "compiled", or "auto" (default), which uses compiled code if there are enough samples to
+                make up for the time of compiling.
 
         Returns:
-            The motion of the frames: `state["panda_hand"].R` is the position of one frame, `state.R` that of all
-            frames, whose axis follows the axes of the samples. The dtype is float32 if all given arrays are float32,
-            else float64.
+            The motion of the frames. For a result `state`, `state["panda_hand"].R` is the position of one frame,
+            shape (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). The dtype is
+            float32 if all given arrays are float32, else float64.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -172,9 +174,9 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of the frame named `frame` as an array (..., 6, dof): (v, omega) = J @ qd (E2, E8).
-        For a free base, J has shape (..., 6, 6 + dof), and (v, omega) = J @ (v1, omega1, qd). `base_motion` is a
-        BodyMotion; for None, the base rests at the origin. The array `out` is written in place.
+        """Compute the Jacobian J of the frame named `frame` as an array (..., 6, dof): if the base is at rest,
+        (v, omega) = J @ qd (E2, E8). For a free base, (v, omega) = J @ (v1, omega1, qd), and J has shape
+        (..., 6, 6 + dof). `base_motion` is None or a BodyMotion. The array `out` is written in place.
 
         v is the velocity of the frame's origin, and omega its angular velocity, both in world axes. Pinocchio calls
         this Jacobian LOCAL_WORLD_ALIGNED.
@@ -242,13 +244,14 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Compute rigorous bounds on the rounding error of each of the named outputs at every sample; return a dict
-        of arrays by output name. The outputs are those of the robot's methods for these arguments, by default those
-        of `forward_kinematics`; `base_motion` is a BodyMotion.
+        """Compute rigorous bounds on the rounding errors of results of the robot's methods at every sample. Return a
+        dict of arrays; its keys are the names in `outputs`, by default the outputs of `forward_kinematics`.
+        `base_motion` is None or a BodyMotion.
 
-        The error is the difference from the exact result of the equations for the given coordinates and the joints
-        and bodies of this robot as stored (`robot.tree`). The bounds are rigorous for both backends if sines and
-        cosines are accurate to 1.5 units in the last place.
+        The error is the difference between the computed result and the exact result of the equations. The exact
+        result is for the given arguments and for the joints and bodies of this robot as they are stored
+        (`robot.tree`). The bounds are rigorous for both backends if sines and cosines are accurate to 1.5 units in
+        the last place.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -259,24 +262,24 @@ class MechanismMethods(Shown):
                 are:
 
                 - those of `forward_kinematics`: R, S, d, v, omega, a, alpha;
-                - jacobian and acceleration_bias, which are computed for the first frame only;
+                - jacobian and acceleration_bias, which are computed only for the first frame in `frames`;
                 - tau, force1 and torque1 of `inverse_dynamics`;
-                - qdd of `forward_dynamics`, for a free base also a1 and alpha1;
+                - qdd of `forward_dynamics`, and for a free base a1 and alpha1;
                 - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
                   centre_of_mass_bias, each the result of the method of that name;
                 - kinetic and potential of `energy`;
                 - linear, angular_about_origin and angular_about_centre of `momentum`.
             base_motion: pose and motion of the base, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: joint torques and forces, in one of the forms of q; only qdd, a1 and alpha1 need them.
+            tau: joint torques and forces, in one of the forms of q; only the outputs qdd, a1 and alpha1 need them.
             force1: force on a free base, as for `forward_dynamics`.
             torque1: torque on a free base, as for `forward_dynamics`.
 
         Returns:
-            For each output, the bound on the error of its largest component, in the output's unit. Outputs of
-            `forward_kinematics` have a bound for each frame, shape (..., frames); all others have shape (...). A
-            bound is infinite where numbers overflow or are not finite, and where the mass matrix is so nearly
-            singular that rounding may decide whether it is.
+            For each output and each sample, a bound on the absolute errors of all its components, in the output's
+            unit. For outputs of `forward_kinematics`, the bounds have shape (..., frames), one for each frame; for
+            all other outputs, they have shape (...). A bound is infinite if numbers overflow or are not finite. It is
+            also infinite if the mass matrix is so close to singular that rounding errors could make it singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
@@ -326,11 +329,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute the joint torques and forces `tau`, and the load `force1`, `torque1` on the base, that a motion of
-        the robot requires (T1-T3); return a MechanismForces. `wrenches` is a dict of further loads (force, torque) by
-        link; `base_motion` is a BodyMotion. Arrays in `out`, a dict by output name, are written in place. At the
-        robot's first computation with masses, warn of masses and inertias that were not given, for which defaults are
-        used, and of those that no rigid body can have.
+        """Compute the joint torques and forces `tau`, and the force `force1` and torque `torque1` on the base, that a
+        motion of the robot requires (T1-T3). Return a MechanismForces. `wrenches` is a dict of further loads (force,
+        torque) by link name; `base_motion` is a BodyMotion. `out` is a dict of arrays by output name, which are
+        written in place. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
+        inertia was not given, so that a default is used, or if no rigid body can have it.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -339,9 +342,9 @@ class MechanismMethods(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: further loads that act on links: a dict of (force, torque) by link name, in world axes [N, N m],
                 shape (..., 3) each or the number 0. The force acts at the origin of the link.
-            base_motion: motion of the base, of which only S, omega, a and alpha are used; unless given, the base is
-                at rest.
-            outputs: names out of tau, force1, torque1; exactly these outputs are computed, by default all.
+            base_motion: motion of the base, of which only S, omega, a and alpha are used. By default, the base is at
+                rest, and S is the identity.
+            outputs: names of the outputs to compute, out of tau, force1 and torque1; by default all.
             out: arrays by output name, which are written in place.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
@@ -386,12 +389,13 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute the accelerations of the robot under given torques and forces (T5, T6); return a
-        MechanismAccelerations of `qdd`, for a free base also `a1` and `alpha1`. Samples with a singular mass matrix
-        are NaN, and a warning says so. `wrenches` and `base_motion` are as for `inverse_dynamics`; force1 and torque1
-        act on a free base. Arrays in `out`, a dict by output name, are written in place. At the robot's first
-        computation with masses, warn of masses and inertias that were not given, for which defaults are used, and of
-        those that no rigid body can have.
+        """Compute the accelerations of the robot under given torques and forces (T5, T6). Return a
+        MechanismAccelerations with the attribute `qdd`, and for a free base `a1` and `alpha1`. If the mass matrix of
+        a sample is singular, its accelerations are NaN, and a DynamicsWarning is issued. `wrenches` is a dict of
+        further loads (force, torque) by link name; `base_motion` is a BodyMotion; `force1` and `torque1` act on a
+        free base. `out` is a dict of arrays by output name, which are written in place. The robot's first computation
+        that uses masses issues a DynamicsWarning if a mass or an inertia was not given, so that a default is used, or
+        if no rigid body can have it.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -401,18 +405,18 @@ class MechanismMethods(Shown):
             wrenches: further loads that act on links, as for `inverse_dynamics`.
             force1: force on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
             torque1: torque on a free base about R1, world axes [N m]; shape (..., 3), or the number 0.
-            base_motion: motion of the base, of which only S and omega are used, for a "fixed" base also a and alpha;
-                unless given, the base has S = identity and is at rest.
-            outputs: names out of qdd, for a free base also a1 and alpha1; exactly these outputs are computed, by
-                default all.
+            base_motion: motion of the base, of which only S and omega are used, and for a "fixed" base also a and
+                alpha. By default, the base is at rest, and S is the identity.
+            outputs: names of the outputs to compute: qdd, and for a free base a1 and alpha1; by default all.
             out: arrays by output name, which are written in place.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            qdd, the second time derivatives of q, shape (..., dof); for a free base also a1 and alpha1, the
-            acceleration of R1 and the angular acceleration in world axes, shape (..., 3) each. Where the mass matrix
-            is singular they are NaN, and a DynamicsWarning names a joint whose motion no inertia resists.
+            qdd: second time derivatives of q; shape (..., dof). For a free base also a1, the acceleration of R1
+            [m/s^2], and alpha1, the angular acceleration of the base [rad/s^2], world axes; shape (..., 3) each. If
+            the mass matrix of a sample is singular, they are NaN for this sample, and a DynamicsWarning names a joint
+            whose motion no inertia resists.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -445,8 +449,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
         compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
-        `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first computation with
-        masses, warn of masses and inertias that were not given or that no rigid body can have.
+        `out` is written in place. `base_motion` is None or a BodyMotion. The robot's first computation that uses
+        masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -503,12 +507,13 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
         for a free base (..., 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion.
-        At the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
-        body can have.
+        The robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given,
+        or if no rigid body can have it.
 
-        For a free base, they are (force1, torque1, tau): force on the base at R1 and torque about R1 in world axes,
-        then the forces of the joints. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
-        other arguments are those of `jacobian`; of `base_motion`, only S is used.
+        The generalized forces are torques of hinges [N m] and forces of sliders [N], in the order of q. For a free
+        base, the array begins with the force on the base at R1 [N] and the torque on the base about R1 [N m], in
+        world axes. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The other arguments
+        are those of `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -552,10 +557,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): the velocity of the centre of mass
-        is J @ qd if the base is at rest. For a free base, it is J @ (v1, omega1, qd), and J has shape (..., 3, 6 +
-        dof). The array `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first
-        computation with masses, warn of masses and inertias that were not given or that no rigid body can have.
+        """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): if the base is at rest, the
+        velocity of the centre of mass is J @ qd. For a free base, this velocity is J @ (v1, omega1, qd), and J has
+        shape (..., 3, 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion. The
+        robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given, or
+        if no rigid body can have it.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -577,13 +583,14 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias of the acceleration of the centre of mass, which is J @ qdd + bias, as an array (..., 3).
-        For a free base, the acceleration is J @ (a1, alpha1, qdd) + bias. The array `out` is written in place.
-        `base_motion` is None or a BodyMotion. At the robot's first computation with masses, warn of masses and
-        inertias that were not given or that no rigid body can have.
+        """Compute the part of the acceleration of the centre of mass that velocities cause, an array (..., 3)
+        [m/s^2]: bias in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias.
+        `base_motion` is None or a BodyMotion. The array `out` is written in place. The robot's first computation that
+        uses masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
 
-        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. The arguments are those of
-        `acceleration_bias`, without `frame`.
+        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. If the base is "fixed", the bias also
+        contains the effect of the velocities and accelerations of `base_motion`. `qd` are the time derivatives of q;
+        the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -603,10 +610,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and the potential energy of the robot [J]; return an Energy with the
-        attributes `.kinetic` and `.potential`, arrays of shape (...) (T7). The potential energy is 0 for a mass at
-        the origin of the world. `base_motion` is None or a BodyMotion. At the robot's first computation with masses,
-        warn of masses and inertias that were not given or that no rigid body can have.
+        """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
+        `.kinetic` and `.potential`, arrays with one element for each sample. The potential energy of a mass at the
+        origin of the world is 0. `base_motion` is None or a BodyMotion. The robot's first computation that uses
+        masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
         kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -631,15 +638,14 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the linear [kg m/s] and the angular momentum [kg m^2/s] of the robot, world axes; return a Momentum
-        with the attributes `.linear` and `.angular`, shape (..., 3) each (T8). The angular momentum is taken about
-        the point `about`, "origin" (of the world) or "centre" (of mass). `base_motion` is None or a BodyMotion. At
-        the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
-        body can have.
+        """Compute the linear momentum [kg m/s] and the angular momentum [kg m^2/s] of the robot in world axes (T8).
+        Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
+        about the origin of the world if `about` is "origin", and about the robot's centre of mass if it is "centre".
+        `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
+        if a mass or an inertia was not given, or if no rigid body can have it.
 
-        By default, `about` is "origin". The mass of a "fixed" base and the inertias of rotors (`armature`) are not
-        counted. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
-        `inverse_dynamics`.
+        The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`, only R,
+        S, v and omega are used. The other arguments are those of `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -664,7 +670,7 @@ class MechanismMethods(Shown):
     ) -> PreparedMechanism:
         """Plan, check and compile a computation once, and return it as a callable for loops over single states or
         small batches. `given` is the name of a computation such as "jacobian", or a tuple of the names of the
-        callable's arguments. `frames` and `outputs` name what is computed.
+        callable's arguments. `frames` and `outputs` are the names of the frames and of the outputs to compute.
 
         Args:
             given: one of two things:
@@ -678,7 +684,7 @@ class MechanismMethods(Shown):
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
                   `outputs` then names the outputs.
 
-                A base without given motion rests at the origin of the world.
+                If the motion of the base is not among the arguments, the base rests at the origin of the world.
             frames: as for `forward_kinematics`.
             outputs: names of the outputs to compute; by default all outputs of the computation that `given` names, or
                 for a tuple all outputs of `forward_kinematics` that it allows.
@@ -688,11 +694,12 @@ class MechanismMethods(Shown):
                 fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A callable that takes the arrays in the order of `given`, and optionally `out=`, and returns what the
-            robot's method for these outputs returns: `forward_kinematics` for "pose", "velocity" and "acceleration",
-            otherwise the method with the name of the computation. For a tuple, `outputs` decide which method it is.
-            Its attribute `.source` is the generated Python code, `.llvm` the LLVM code, and `.operations` the numbers
-            of operations, which are also printed with the callable.
+            A callable. Its positional arguments are the arrays, in the order above or in the order of the tuple; its
+            optional keyword argument `out` is that of the robot's methods. It returns the result of one of the
+            robot's methods: of `forward_kinematics` for "pose", "velocity" and "acceleration", otherwise of the
+            method with the name of the computation. For a tuple, `outputs` determines the method. The callable has
+            the attributes `.source`, the generated Python code; `.llvm`, the LLVM code; and `.operations`, the
+            numbers of operations as from `count_operations`.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given; the message names it.
@@ -729,12 +736,12 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform for q, for q
-        and qd, or for q, qd and qdd, given in this order. Return OperationCounts with the attributes `per_sample`,
-        `shared` and `unfolded`. A plain number in a dict of coordinates is a constant, which makes operations
-        unnecessary. The outputs are not computed.
+        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform to compute
+        `outputs`, without computing them. The positional arguments `coordinates` are q, or q and qd, or q, qd and
+        qdd. Return OperationCounts with the attributes `per_sample`, `shared` and `unfolded`.
 
-        Operations whose operands are all constant are either eliminated or performed once for all samples.
+        Coordinates may be dicts, as for `forward_kinematics`. A plain number in such a dict is a constant. Operations
+        whose operands are all constant are either eliminated or performed once for all samples.
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
@@ -743,8 +750,9 @@ class MechanismMethods(Shown):
             base_motion: pose and motion of the base; unless given, it rests at the origin.
 
         Returns:
-            Three counts: `.per_sample`, operations for each sample; `.shared`, operations that are performed once for
-            all samples; `.unfolded`, operations for each sample if no input were constant.
+            A named tuple of three integers: `.per_sample`, the operations for each sample; `.shared`, the operations
+            that are performed once for all samples; `.unfolded`, the operations for each sample if no input were
+            constant.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs coordinates that are not given.

@@ -21,8 +21,9 @@ _SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Slider(Frozen, Shown):
-    """Two rigid bodies joined by a slider: R2 = R1 + S1 (u1 + n q) - S2 u2, S2 = S1 home; q is the shift [m]. The
-    mass properties body1 and body2, and limits of q, force (torque_limit) and rate, may be given.
+    """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
+    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies and the
+    limits of q, of the force (`torque_limit`) and of the rate.
 
     Like a `HingePair`, a slider is a joint of a `Mechanism`; it has the same fields as a `HingePair`. The values are
     copied and read-only.

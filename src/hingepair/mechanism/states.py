@@ -48,11 +48,12 @@ class FrameState(Results):
 
 
 class MechanismState(Results):
-    """Motion of some frames of a robot at every sample in world axes and SI units: pose R and S, displacement d of R
-    from the base's R1, velocities v and omega, accelerations a and alpha. Outputs that were not computed are None.
+    """Motion of some frames of a robot at every sample in world axes and SI units: position R of the origin, rotation
+    matrix S from frame axes to world axes, vector d from the base's R1 to R, velocities v and omega, and
+    accelerations a and alpha. Outputs that were not computed are None.
 
-    The axis of the frames follows the axes of the samples: for F frames, R has shape (..., F, 3) and S has shape
-    (..., F, 3, 3). `state["hand"]` is the motion of one frame, without that axis.
+    The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
+    outputs have shape (..., F, 3). `state["hand"]` is the motion of one frame, without that axis.
 
     Attributes:
         frames: names of the frames, in the order of the axis.
@@ -135,11 +136,11 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample. The columns have the names of the joints; vectors of
-        the base follow, as the columns force1_x, force1_y, ...
+        """Return a pandas DataFrame with a row for each sample. The first columns have the names of the joints. The
+        components of the base's vectors follow in columns such as force1_x or a1_x.
 
-        The table of results that were computed with `outputs=("tau",)` has only columns of joints; the methods of the
-        robot accept it as the argument `tau`.
+        If only `tau` was computed (`outputs=("tau",)`), the table has no other columns than those of the joints, and
+        the methods of the robot accept the table as the argument `tau`.
 
         Raises:
             ArgumentError: the samples have more than one axis.
@@ -200,7 +201,10 @@ def _rebuild_joint_results(
 
 
 class MechanismForces(JointResults):
-    """Joint torques tau, and the force force1 and torque torque1 on the base, that a motion of a robot requires."""
+    """Forces and torques that a motion of a robot requires. tau are the torques of hinges [N m] and the forces of
+    sliders [N], shape (..., dof). force1 is the force on the base at R1 [N], and torque1 is the torque on the base
+    about R1 [N m], in world axes, shape (..., 3) each.
+    """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
@@ -214,9 +218,10 @@ class MechanismForces(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """Accelerations of a robot under given torques and forces: qdd of the joints (..., dof) [rad/s^2, of sliders
-    m/s^2], and of a free base the accelerations a1 of its reference point [m/s^2] and alpha1 [rad/s^2], world axes,
-    (..., 3). For a fixed base, a1 and alpha1 are None.
+    """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
+    (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of its reference point
+    [m/s^2], and alpha1 is its angular acceleration [rad/s^2], in world axes, shape (..., 3) each. For a fixed base,
+    a1 and alpha1 are None.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

@@ -61,7 +61,7 @@ class Box(Frozen):
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
         RotationError: axes is not a rotation matrix to within 1e-9: with A = axes, an element of A A^T differs from
-            that of the identity by more than 2e-9, or the determinant of A is negative.
+            the same element of the identity by more than 2e-9, or the determinant of A is negative.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -171,15 +171,16 @@ class Body(Frozen):
             neither this nor the inertia is given and there are shapes, it is the centre of mass of the shapes.
             Otherwise the default is the reference point.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
-            moments about the body's x, y and z axes, shape (3,). All principal moments must be above zero, and none
-            may exceed the sum of the other two. If rounding makes one exceed it by up to 1e-3 of the sum of all
-            three, as can happen for a flat body, it is used as given, with a `DynamicsWarning`. If no inertia is
-            given, it is that of the shapes about their own centre of mass, even if `center_of_mass` is another point.
-            If there are no shapes either, a radius of gyration of 0.1 m is assumed, and the methods that compute
-            dynamics issue a `DynamicsWarning`.
-        shapes: Box, Cylinder and Sphere objects. Viewers draw them. They also determine the inertia and the centre
-            of mass as said above: all shapes have the same density, and where they overlap, the mass counts twice. A
-            body without shapes is drawn as an arm to the hinge and half a hinge.
+            moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
+            All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
+            1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
+            and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
+            of mass is used, even if `center_of_mass` is another point. If there are no shapes either, a radius of
+            gyration of 0.1 m is assumed, and the methods that compute dynamics issue a `DynamicsWarning`.
+        shapes: Box, Cylinder and Sphere objects. Viewers draw them. They also determine the inertia and the centre of
+            mass if these are not given. All shapes have the same density, and the mass of a volume that two shapes
+            share counts twice. Viewers draw a body without shapes as an arm that leads to the hinge, and one half of
+            the hinge.
 
     `dataclasses.replace(body, mass=3)` returns a body of another mass. Values that were not given for `body`, such as
     an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
@@ -234,10 +235,8 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences, as a tuple, that say which of mass and inertia was not given and which default the methods of
-        dynamics use instead.
-
-        A tuple of str; empty if there are none.
+        """Sentences, as a tuple of str, that say whether the mass or the inertia was not given, and which default is
+        used instead. The tuple is empty if no default is used.
         """
         sentences = []
         if "mass" in self._computed:

@@ -27,9 +27,9 @@ class BodyMotion(Frozen):
     """Position R, attitude S, velocities v and omega, and accelerations a and alpha of one body, at one or many
     samples, in world axes.
 
-    The arrays are not copied; the attributes are read-only views of them. Their leading shapes broadcast. Arrays of
-    JAX, PyTorch and other libraries are kept as they are, without a check that S holds rotations. A Dask array S is
-    checked chunk by chunk when the chunks are computed.
+    The arrays are not copied; the attributes are read-only views of them. Their leading axes (those of the samples)
+    broadcast. Arrays of JAX, PyTorch and other libraries are kept as they are, and it is not checked that S holds
+    rotation matrices. A Dask array S is checked chunk by chunk when the chunks are computed.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
@@ -46,7 +46,8 @@ class BodyMotion(Frozen):
 
     Raises:
         RotationError: a finite S is not a rotation matrix to within 1e-9 (1e-5 in float32): an element of S S^T
-            differs from that of the identity by more than twice this, or the determinant is negative.
+            differs from the same element of the identity by more than twice this tolerance, or the determinant is
+            negative.
         ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
 
     >>> import hingepair as hp
@@ -95,19 +96,19 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last (Pinocchio, SciPy,
-        ROS). Quaternions of any length are normalized; raise RotationError for a zero one. The other arguments are
-        those of BodyMotion.
+        ROS). Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other
+        arguments are those of BodyMotion.
 
-        Each element of S has an error of at most 6 u, where u = 2^-53.
+        The rounding error of each element of S is at most 6 * 2^-53.
 
         Args:
-            R: as for `BodyMotion`; likewise v, omega, a and alpha.
+            R: position of the body's reference point [m]; shape (..., 3).
             quat_xyzw: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
                 non-zero length.
-            v: velocity of the reference point [m/s].
-            omega: angular velocity [rad/s].
-            a: acceleration of the reference point [m/s^2].
-            alpha: angular acceleration [rad/s^2].
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
         Raises:
             RotationError: a quaternion is zero.
@@ -133,18 +134,19 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first (MuJoCo). Quaternions
-        of any length are normalized; raise RotationError for a zero one. The other arguments are those of BodyMotion.
+        of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are those of
+        BodyMotion.
 
-        Each element of S has an error of at most 6 u, where u = 2^-53.
+        The rounding error of each element of S is at most 6 * 2^-53.
 
         Args:
-            R: as for `BodyMotion`; likewise v, omega, a and alpha.
+            R: position of the body's reference point [m]; shape (..., 3).
             quat_wxyz: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
                 non-zero length.
-            v: velocity of the reference point [m/s].
-            omega: angular velocity [rad/s].
-            a: acceleration of the reference point [m/s^2].
-            alpha: angular acceleration [rad/s^2].
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
         Raises:
             RotationError: a quaternion is zero.
@@ -172,15 +174,16 @@ class BodyMotion(Frozen):
         """Return a BodyMotion whose attitude is given as rotation vectors `rotvec` (unit axis times angle) [rad]. The
         other arguments are those of BodyMotion.
 
-        Each element of S has an error of at most 6 u, where u = 2^-53, for angles up to 1e15.
+        The rounding error of each element of S is at most 6 * 2^-53 for angles up to 1e15 rad.
 
         Args:
-            R: as for `BodyMotion`; likewise v, omega, a and alpha.
-            rotvec: rotation vectors from body axes to world axes [rad]; shape (..., 3).
-            v: velocity of the reference point [m/s].
-            omega: angular velocity [rad/s].
-            a: acceleration of the reference point [m/s^2].
-            alpha: angular acceleration [rad/s^2].
+            R: position of the body's reference point [m]; shape (..., 3).
+            rotvec: rotation vectors, in world axes [rad]; shape (..., 3). They rotate the world axes into the body
+                axes.
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0

@@ -25,12 +25,13 @@ _ARRAY_USED_AS_SCALAR_ERROR_TEXTS = (
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
     """Torque at the hinge from motor, spring, damper, friction and stops, for the argument `hinge_torque` of
-    `simulate`. It is called with arrays (t, psi, psid).
+    `simulate`. A HingeLoad is a callable that takes arrays (t, psi, psid) and returns the torque [N m].
 
-    torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a stop by the angle
-    delta, the stop adds a torque of size stop_stiffness delta (1 + stop_damping delta') that pushes back, or 0 if
-    this formula is negative (the contact model of Hunt and Crossley). If psi' = 0, `simulate` keeps the hinge at rest
-    as long as this needs a friction torque of at most `friction`.
+    Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a
+    stop by the angle delta, with the time derivative delta', the stop adds a torque that pushes back. Its magnitude
+    is stop_stiffness delta (1 + stop_damping delta'), or 0 if this value is negative (the contact model of Hunt and
+    Crossley). If psi' = 0, `simulate` keeps the hinge at rest as long as this needs a friction torque of at most
+    `friction`.
 
     Args:
         stiffness: stiffness of the spring [N m/rad].
@@ -98,14 +99,14 @@ class HingeLoad:
     @property
     def kinks(self) -> tuple[float, ...]:
         """Angles psi [rad] of all stops, as a tuple in increasing order. If the motor is itself a HingeLoad, its
-        stops are included. The torque is a smooth function of psi between these angles.
+        stops are included. Between these angles, the torque is a smooth function of psi.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
         """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        If the motor is itself a HingeLoad, the rates of its torque are included.
+        If the motor is itself a HingeLoad, the rates at which its torque has a kink or a jump are included.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -115,15 +116,16 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest torque of dry friction that sticks and slips [N m]. If the motor is itself a HingeLoad, its
-        friction is added.
+        """Largest friction torque [N m] that can keep the hinge at rest; 0 if `friction_rate` is given. If the motor
+        is itself a HingeLoad, its sticking friction is added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
-        """Coefficients of restitution of the rigid stops, as a dict by the angle of the stop [rad]. Stops are rigid
-        if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops are included.
+        """Coefficients of restitution of the rigid stops, as a dict whose keys are the angles of the stops [rad].
+        Stops are rigid if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops are
+        included.
         """
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
         return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
@@ -149,12 +151,12 @@ class HingeLoad:
         return lower, upper
 
     def restitution(self, rate: float) -> float:
-        """Return the ratio w / v of the magnitudes of the hinge rate before (v) and after (w) an impact on a stop,
-        from 0 to 1, if no other torque acts on the hinge.
+        """Return the ratio w / v, from 0 to 1, where v is the magnitude of the hinge rate before an impact on a stop
+        and w is its magnitude after the impact. No other torque acts on the hinge.
 
         For rigid stops, this is stop_restitution. For stops that are springs with damping, the ratio decreases as v
-        grows, and does not depend on the inertia. With c = stop_damping, equal spring deflections on the way in and
-        out give c v - ln(1 + c v) = -c w - ln(1 - c w).
+        grows, and does not depend on the inertia. With c = stop_damping, w is the solution of
+        c v - ln(1 + c v) = -c w - ln(1 - c w): the largest deflection is the same on the way in and on the way out.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
@@ -188,15 +190,16 @@ class HingeLoad:
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants t, angles psi and rates psid with one branch of the formula, continued
-        smoothly beyond the kinks of the torque. `side` is a pair (angle, rate), two numbers or arrays of the shape of
-        psi: the branch is the one that holds at this angle and rate.
+        """Compute the torque [N m] at instants t, angles psi and rates psid with one branch of the formula, even if
+        another branch holds at psi and psid. The branch is the one that holds at the angle and rate in `side`, a pair
+        (angle, rate) of numbers or of arrays of the shape of psi.
 
-        Solvers use it: within one integration step, a stop or dry friction must not switch on or off.
+        Solvers use this method, since a stop or dry friction must not switch on or off within an integration step.
 
         Args:
-            side: hinge angle [rad] and rate [rad/s] that select the branch: beyond a stop or not, and the sign of dry
-                friction. Each is a number or has the shape of psi.
+            side: hinge angle [rad] and hinge rate [rad/s] that select the branch: the angle selects whether a stop
+                acts, and the sign of the rate selects the direction of dry friction. Each is a number or has the
+                shape of psi.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
@@ -204,16 +207,16 @@ class HingeLoad:
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the parts of the torque [N m]. Return a dict by name with the key motor, and with spring, damper,
-        friction and stop if this load has such a part. `side`, a pair (angle, rate) or None for (psi, psid), selects
-        the branch of the formulas.
+        """Compute the parts of the torque [N m]. Return a dict with the key "motor", and with "spring", "damper",
+        "friction" and "stop" if this load has such a part. `side` is a pair (angle, rate) that selects the branch of
+        the formula, as for `smooth`; by default, it is (psi, psid).
 
         Args:
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
-            side: hinge angle and rate that select the branch of the formulas, as for `smooth`; psi and psid by
-                default.
+            side: hinge angle [rad] and hinge rate [rad/s] that select the branch of the formula, as for `smooth`; by
+                default psi and psid.
 
         Returns:
             The parts by name; their sum is the torque. If the motor is a HingeLoad, each of its parts is added to the

@@ -45,16 +45,17 @@ class HingePair(Shown):
     hinge axis n only (E2).
 
     The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
-    another u1. u1, u2, n and home may have leading axes, which broadcast against the samples: then each sample has a
-    pair of its own. In all methods, the argument `body1` is the motion of body 1, a `BodyMotion`. All methods raise
-    an ArgumentError, which names the argument, if an argument cannot be used.
+    another u1. u1, u2, n and home may have leading axes, which broadcast against the axes of the samples; each sample
+    then has its own values. In all methods, the argument `body1` is the motion of body 1, a `BodyMotion`. All methods
+    raise an ArgumentError, which names the argument, if an argument cannot be used.
 
     Args:
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
         u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (3,) or (..., 3).
         n: hinge axis, body-1 axes; shape (3,) or (..., 3). A vector of any non-zero length is scaled to unit length.
-        home: attitude of body 2 relative to body 1 at psi = 0, a rotation matrix (C in E5); shape (3, 3) or
-            (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel at psi = 0.
+        home: attitude of body 2 relative to body 1 at psi = 0: the rotation matrix from body-2 axes to body-1 axes (C
+            in E5); shape (3, 3) or (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel
+            at psi = 0.
         name: name of the pair in exports and messages.
         limits: smallest and largest hinge angle [rad], for exports; shape (2,). `forward_kinematics` accepts any
             angle, and `simulate` does not stop the hinge at the limits unless its `hinge_torque` has stops there:
