@@ -93,7 +93,7 @@ class MissingDependencyError(HingePairError, ImportError):
 
 
 class CompilationError(HingePairError, RuntimeError):
-    """LLVM could not compile a kernel, a function in machine code that evaluates the equations.
+    """LLVM could not compile a kernel. A kernel is a function in machine code that evaluates the equations.
 
     Attributes:
         name: the kernel's name.

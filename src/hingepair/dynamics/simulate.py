@@ -186,7 +186,7 @@ def simulate(
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
     t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end it before
-    t[-1]. Warn if psi leaves the limits or goes far into a stop, or if numbers look like wrong units. Raise a
+    t[-1]. Warn if psi leaves the limits or goes far into a stop, or if arguments seem to be in wrong units. Raise a
     SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
@@ -198,8 +198,8 @@ def simulate(
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
-            For a PlanarPair, forces and gravity have two components, and torques have one. The start `body1` and the
-            `now` that callables receive are those of a spatial pair: R lies in the plane z = 0 and S is a rotation
+            For a PlanarPair, forces and gravity have two components, and torques have one. But `body1`, and the
+            `now` that callables receive, are given in space: R lies in the plane z = 0, and S is a rotation
             about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
         t: instants [s], increasing; shape (N,).
         body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
@@ -213,8 +213,8 @@ def simulate(
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).
         force1: force on body 1 at R1, world axes [N]: shape (3,), the number 0 (the default), or a callable of
-            (t, now) that returns (n, 3), where t are n instants and `now` has R1, S1, v1, omega1, psi and psid at
-            these instants.
+            (t, now) that returns (n, 3). There t is an array of n instants, and `now` has the attributes R1, S1, v1,
+            omega1, psi and psid at these instants, such as now.R1 of shape (n, 3).
         torque1: torque on body 1, world axes [N m]; in the same form as force1.
         force2: force on body 2 at R2, world axes [N]; in the same form as force1.
         torque2: torque on body 2, world axes [N m]; in the same form as force1.

@@ -33,7 +33,8 @@ def load_robot(
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
             `hingepair robots` lists the names.
-        base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
+        base: "fixed" (default): the base rests, or moves as the argument `base_motion` of the methods prescribes;
+            "free": forces move the base.
         locked: dict from names of joints to the positions [rad or m] at which these joints are held, as for
             `Mechanism.from_urdf`.
         snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`.

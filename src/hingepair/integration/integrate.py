@@ -164,7 +164,7 @@ def integrate(
       multi-sample coning correction of strapdown navigation (Bortz, Miller, Savage).
     - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
       of order 4. It fails near gimbal lock.
-    - `dop853` is the solver of SciPy.
+    - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own.
 
     Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N),
     R1 (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N has
@@ -190,7 +190,7 @@ def integrate(
         S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity by default.
         phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
-        method: name of one of the methods above.
+        method: name of one of the methods above; "magnus6" by default.
         frame: axes of omega1 and alpha1: "world" (the default) or "body".
         tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
             interval of t is one step (`dop853` chooses its own steps). With a tolerance, a callable is evaluated in
