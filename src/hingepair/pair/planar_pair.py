@@ -188,11 +188,11 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """Return this pair as a HingePair with n = (0, 0, 1), whose plane of motion is z = 0. Its bodies are those of
-        this pair, unchanged.
+        """Return this pair as a HingePair with n = (0, 0, 1), whose plane of motion is z = 0. The HingePair has the
+        same body1 and body2 as this pair, unchanged.
 
-        The gravity (0, -9.81) of a planar pair is (0, -9.81, 0) for the result; the default gravity of a HingePair
-        points along -z.
+        The default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81).
+        For the gravity of the planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -201,12 +201,13 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return a HingePair with the same dynamics as this planar pair: its centres of mass are moved to z = 0, and
-        all three principal moments of a body are set to its moment of inertia about z. The HingePair is cached, and
-        later calls return it again.
+        """Return a HingePair with the same dynamics as this planar pair. The centres of mass of its bodies are moved
+        to z = 0, and all three principal moments of inertia of a body are set to its moment of inertia about z. The
+        HingePair is cached, and later calls return the same object.
 
-        In-plane forces cause the same motion in it as in the planar pair, and the hinge carries no torque about axes
-        in the plane. With `to_spatial`, centres of mass off the plane and products of inertia can cause such torques.
+        Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
+        torque about axes in the plane. The HingePair of `to_spatial` keeps centres of mass off the plane and products
+        of inertia, which can cause such torques.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
@@ -390,15 +391,16 @@ class PlanarPair(Shown):
         return Energy(*self._compute_quantity(dynamics.ENERGY_REQUEST, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). Raise ArgumentError if
-        a body has no mass properties.
+        """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
+        (equation D8). Raise ArgumentError if a body has no mass properties.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
 
         Returns:
-            The Momentum, with the attributes linear [kg m/s], shape (..., 2), and angular [kg m^2/s], shape (...,).
+            The Momentum, with the attributes linear, world axes [kg m/s], shape (..., 2), and angular, about the z
+            axis [kg m^2/s], shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names

@@ -59,8 +59,8 @@ class Result(Shown):
         raise NotImplementedError
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, such as "R2", or of one of its components, such as "R2_x", as a string such
-        as "m".
+        """Return the unit of an output, such as "R2", or of one component of an output, such as "R2_x", as a string.
+        For both of these names, the string is "m".
         """
         return unit_of(name)
 
@@ -88,10 +88,11 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component.
+        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component of each
+        output.
 
-        The columns of a pair are R2_x, ..., S2_xx, ..., psi; those of a planar pair are R2_x, R2_y, phi2, d_x, ...,
-        psi. The attribute `attrs` of the DataFrame has the units by output name under the key "units".
+        The columns after t are named R2_x, ..., S2_xx, ..., psi for a pair, and R2_x, R2_y, phi2, d_x, ..., psi for a
+        planar pair. `attrs["units"]` of the DataFrame is a dict of the units by output name.
 
         Raises:
             MissingDependencyError: pandas is not installed.
@@ -103,11 +104,13 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with the dimension `time`, and units and descriptions as attributes.
+        """Return an xarray Dataset with a variable for each output. Its variables have the dimension `time`, and
+        their units and descriptions are attributes.
 
-        Vectors also have the dimension `xyz` (`xy` for a planar pair), and matrices in addition `body_xyz`, the axes
-        of the body. A trajectory of many motions has the first dimension `motion`, or motion_0, motion_1, ... if the
-        motions have several axes. Dask arrays stay lazy.
+        A vector also has the dimension `xyz` (`xy` for a planar pair). A rotation matrix has `xyz` for its rows
+        (world axes) and `body_xyz` for its columns (body axes). A trajectory that holds many motions has the
+        dimension `motion` before `time`, or motion_0, motion_1, ... if the motions form an array with several axes.
+        Dask arrays stay lazy.
 
         Raises:
             MissingDependencyError: xarray is not installed.
@@ -131,19 +134,22 @@ class Result(Shown):
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
         """Write the arrays to a file, completely or not at all, and return its Path. The ending of `path` selects the
-        format. Files named in `inputs` are never overwritten. Every number that is read back equals the one in the
-        result.
+        format. The files `inputs` are never overwritten. The file keeps the full precision of every number.
 
         Args:
             path: file name. Its ending selects the format: .csv (a line of column names, then one line per instant,
-                with the fewest digits that determine each number), .npz (arrays by name), .parquet, or .nc (NetCDF).
-            inputs: files that must not be overwritten. The files that the result was computed from, such as a
-                scene's file and its log, are never overwritten.
+                with the fewest digits that determine each number), .npz (NumPy arrays by output name), .parquet, or
+                .nc (NetCDF).
+            inputs: further files that must not be overwritten. The files that the result was computed from, such as
+                a scene file and its log, are protected in any case.
+
+        Returns:
+            The path of the written file.
 
         Raises:
-            ArgumentError: the ending is unknown, the path is one of the files that must not be overwritten, or the
-                file cannot be written. A file that existed before stays as it was.
-            MissingDependencyError: the package for this kind of file is not installed.
+            ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, or the file cannot be
+                written. A file that existed before stays as it was.
+            MissingDependencyError: the package that writes this format is not installed.
         """
         with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:
             add(self.t, self.recorded())

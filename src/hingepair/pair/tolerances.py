@@ -115,12 +115,13 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds `samples` random pairs, which deviate from a given pair by manufacturing
-    tolerances (standard deviations of u1, u2, the hinge axis and home) or by the covariance of a fit. An integer
+    """Return a HingePair that holds `samples` random pairs, which deviate from the pair `pair`. The tolerances are
+    either standard deviations of u1, u2, the hinge axis and home, or a covariance such as that from `fit`. An integer
     `seed` gives the same pairs in every call.
 
-    The deviations are normally distributed with mean zero. Give either standard deviations or a covariance. The
-    result can be used like a single pair: each sample of a motion then belongs to another pair.
+    The deviations are normally distributed with mean zero. The result is used like a single pair. Its leading shape
+    (samples,) broadcasts against the leading shape of a motion: one state gives a result for each pair, and in a
+    motion of shape (samples,), state i is computed with pair i.
 
     Args:
         pair: the HingePair as designed, or as fitted.
@@ -128,9 +129,9 @@ def sample_pairs(
         u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
         u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
         axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
-            perpendicular directions.
-        home_std: standard deviation of each component of the rotation vector, body-1 axes, by which the attitude of
-            body 2 at psi = 0 (`home`) deviates [rad]: a number, or shape (3,).
+            perpendicular directions; a number.
+        home_std: standard deviation of each component of the rotation vector (body-1 axes) by which `home`, the
+            attitude of body 2 relative to body 1 at psi = 0, deviates [rad]: a number, or shape (3,).
         covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2 (body-2
             axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes) [rad];
             shape (12, 12), such as `HingeFit.covariance`.
@@ -138,7 +139,7 @@ def sample_pairs(
             gives other pairs.
 
     Returns:
-        A HingePair. Those of u1, u2, n and home that deviate have the leading shape (samples,).
+        A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,).
 
     Raises:
         ArgumentError: an argument cannot be used, or all standard deviations are 0; the error names the argument.

@@ -46,27 +46,29 @@ def view(
     t: ArrayLike | None = None,
     base_motion: BodyMotion | None = None,
 ) -> Page:
-    """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint;
-    write it to the file `path` if given. q and t are the motion of a robot, and `base_motion` that of its base. Raise
-    an ArgumentError for arguments that cannot be used.
+    """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint.
+    Write the page to the file `path` if it is given. For a robot, q are the joint coordinates at the instants t, and
+    `base_motion` is the motion of the base. Raise an ArgumentError for arguments that cannot be used.
 
-    Bodies are drawn as the boxes, cylinders and spheres that the URDF or the pair gives them. Any other body has
-    simple shapes: rods from joint to joint, a drum at a hinge, a prism at a prismatic joint. For a motion, the page
-    also has a time slider and shows paths: for a pair, those of both bodies and of the hinge, and for any source,
-    that of the frame that is selected on the page.
+    A body is drawn with the boxes, cylinders and spheres that the URDF file or the pair defines for it. A body
+    without them is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a prismatic
+    joint. For a motion, the page also has a time slider and shows paths: for a pair, the paths of both reference
+    points and of the hinge point, and for any source, the path of the frame that is selected on the page.
 
     Args:
-        source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns
-            through its limits (through a whole turn if it has none).
+        source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the
+            hinge angle moves from its lower to its upper limit and back, or through a whole turn if the pair has no
+            limits.
         path: file to write the page to, ending in .html; by default no file is written.
-        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with a
-            column for each of these names.
+        q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
+            with a column for each of these names. By default the page of a robot has no motion, only sliders.
         t: instants of q [s]; shape (T,), not decreasing; by default 30 per second.
-        base_motion: position and attitude of a robot's base (R and S) at one instant, or at the T instants of q; by
-            default the base rests at the origin.
+        base_motion: BodyMotion with the position R and the attitude S of a robot's base, at one instant or at the T
+            instants of q. By default the base rests at the origin.
 
     Returns:
-        The page: `.html` is its text, `.save(path)` writes it; a notebook displays it.
+        A Page. Its attribute `html` is the text of the page, and its method `save(path)` writes it. A notebook
+        displays the page.
 
     Raises:
         ArgumentError: the source has no motion; q, t or base_motion cannot be used; or the file cannot be written.

@@ -51,27 +51,30 @@ def plot(
     source: MotionSource | MechanismScene | MechanismSceneResult | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
 ) -> Figure:
-    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`):
-    position, attitude, their rates and psi over time, the paths in space, and the residual of E1. `outputs` names the
-    outputs to draw over time instead; nothing is written.
+    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
+    It shows position, attitude, their rates and psi over time, the paths in space, and the residual of equation E1.
+    If `outputs` is given, the figure shows only the outputs that it names, over time. No file is written.
 
-    For a scene of a mechanism, the figure shows position, rate and torque of each joint that moves, with its limits
-    (limits far from the curve are given as text), and the paths of the scene's frames. Every sample counts: for more
-    than 4,000 samples, the curves go through the extremes of 2,000 intervals, so that fast oscillations fill a band
-    and short spikes stay visible.
+    Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point; the residual is the largest
+    component of their difference [m]. For a scene of a robot, the figure shows position, rate and torque of each
+    joint that moves, with its limits (limits far from the curve are given as text), and the paths of the scene's
+    frames. No extreme value is lost: for more than 4,000 samples, the curves go through the smallest and the largest
+    value of each of 2,000 intervals.
 
     Args:
-        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair, which then turns through its
-            limits; or the result of `smooth`, which is drawn with a band of two standard deviations.
-        outputs: names of the outputs to draw over time instead: for a scene those of its `evaluate`, for a trajectory
-            those that it holds, for a pair R1, S1, R2, S2, psi. Attitudes are drawn as Euler angles XYZ.
+        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`,
+            which is drawn with a band of two standard deviations on either side. For a pair, the hinge angle moves
+            from its lower to its upper limit and back, or through a whole turn if the pair has no limits.
+        outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
+            its method `evaluate`; for a trajectory, outputs that it holds; for a pair, R1, S1, R2, S2 and psi.
+            Attitudes are drawn as XYZ Euler angles.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. Vectors are in world axes. Quantities that the motion does
         not have are left out. Times at which a value is not finite are shaded.
 
     Raises:
-        ArgumentError: the source has no motion in space, or no such output.
+        ArgumentError: the source has no motion in space, or `outputs` names an output that the source does not have.
         MissingDependencyError: matplotlib is not installed.
 
     >>> import hingepair as hp

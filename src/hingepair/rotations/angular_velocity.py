@@ -27,20 +27,21 @@ def angular_velocity(
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Return the angular velocity omega (..., 3), in world axes, of a rotation S with time derivative S_dot (E3).
     With `with_defect`, return (omega, defect): the defect says how far S_dot is from the derivative of a rotation.
-    Raise RotationError where S is not a rotation.
+    Raise RotationError if a finite S is not a rotation.
 
-    The angular velocity omega is the vector of the cross-product matrix [omega]x = S' S^T, where S' is S_dot.
+    The angular velocity satisfies [omega]x = S' S^T. Here S' is S_dot, and [omega]x is the cross-product matrix of
+    omega. If S is not finite, the result is NaN.
 
     Args:
         S: rotations, body to world; shape (..., 3, 3).
         S_dot: their time derivatives [1/s]; shape (..., 3, 3).
-        with_defect: whether to return the defect too: how far S' S^T is from antisymmetric. It is 0 where S_dot is
-            the derivative of a rotation. False by default.
+        with_defect: whether to return the defect too; False by default. The defect is 0 if S_dot is the derivative
+            of a rotation, because S' S^T is then antisymmetric.
 
     Returns:
-        omega, world axes [rad/s]; shape (..., 3). It is the vector of the antisymmetric part of S' S^T. With
-        `with_defect`, (omega, defect), where the defect is the largest magnitude of an element of the symmetric part
-        [1/s]; shape (...).
+        omega, world axes [rad/s]; shape (..., 3). [omega]x is the antisymmetric part of S' S^T. With `with_defect`,
+        (omega, defect), where the defect is the largest magnitude of an element of the symmetric part of S' S^T
+        [1/s]; shape (...,).
 
     Raises:
         RotationError: a finite S is not a rotation.
@@ -86,20 +87,20 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity omega (..., N, 3), in world axes, at each of N samples S (..., N, 3, 3) of a
-    rotation matrix at instants t, by finite differences with an error of order `order` (E3). With `with_alpha`,
-    return (omega, alpha) with the angular acceleration. Raise ArgumentError if the rotation changes by pi or more
-    between samples that are used together.
+    """Return the angular velocity omega (..., N, 3), in world axes, from the rotation matrices S (..., N, 3, 3) at N
+    instants t (E3). The finite differences have an error proportional to the time step to the power `order`. With
+    `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
+    turns by pi or more between samples that are used together.
 
-    Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i
-    theta is 0, so that omega = theta' and alpha = theta'' exactly. These derivatives are those of the polynomial of
-    degree `order` through sample i and order / 2 neighbours on either side. Near the ends, the polynomial is fitted
-    by least squares to the first or last order + 5 samples, or to all samples if there are fewer. Nearly equal
-    matrices are never subtracted.
+    Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i,
+    theta is 0, and therefore omega = theta' and alpha = theta'' exactly. The function differentiates the polynomial
+    of degree `order` through theta at sample i and at order / 2 neighbours on either side. Near the ends, the
+    polynomial is fitted by least squares to the first or last order + 5 samples, or to all samples if there are
+    fewer. Nearly equal matrices are never subtracted.
 
-    White noise with the standard deviation sigma [rad] in every component of the attitude, sampled at time steps h
-    [s], gives every component of omega the standard deviation k sigma / h [rad/s], with k from this table. A higher
-    order suits smooth motion, a lower order noisy data at small time steps:
+    Suppose that the attitudes have white noise, whose rotation vector has the standard deviation sigma [rad] in every
+    component, and that the time step is h [s]. Then the standard deviation of every component of omega is k sigma / h
+    [rad/s], with k from this table. A higher order suits smooth motion, a lower order noisy data at small time steps:
 
         order    in the middle    first and last sample
         2        0.71             0.68
@@ -110,16 +111,16 @@ def angular_velocity_from_samples(
     Args:
         t: instants [s], increasing, not necessarily uniform; shape (N,) with N > order.
         S: rotations, body to world; shape (..., N, 3, 3), time on the third axis from the end.
-        order: order of the error in the time step: 2, 4, 6 (the default) or 8.
-        with_alpha: whether to return the angular acceleration too. The order of its error is lower by one, except in
-            the middle of uniform time steps. False by default.
+        order: power of the time step to which the error of omega is proportional: 2, 4, 6 (the default) or 8.
+        with_alpha: whether to return the angular acceleration too; False by default. The order of its error is lower
+            by one, except away from the ends if the time steps are uniform.
 
     Returns:
         omega, world axes [rad/s]; shape (..., N, 3). With `with_alpha`, (omega, alpha), where alpha [rad/s^2] has the
-        same shape. Where S is not finite, the results that depend on this sample are not finite either.
+        same shape, world axes. If a sample of S is not finite, the results that depend on it are not finite either.
 
     Raises:
-        ArgumentError: t is not increasing or not finite; order is not one of these; or the body turns by pi or more
+        ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the body turns by pi or more
             between a sample and a neighbour that is used, so that the rotation vector would be ambiguous. (A turn
             of more than pi from one sample to the next cannot be detected.)
         RotationError: a finite S is not a rotation.

@@ -47,7 +47,8 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
+            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
     Returns:
         Rotation matrices, body to world; shape (..., 3, 3).
@@ -75,21 +76,22 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
     """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (E10). With
-    `with_lock`, return (angles, locked), where locked is True at gimbal lock. Raise RotationError where S is not a
-    rotation.
+    `with_lock`, return (angles, locked), where the bool array `locked` is True for samples at gimbal lock. Raise
+    RotationError if a finite S is not a rotation.
 
     The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
     [0, pi]. The other two angles lie in [-pi, pi].
 
-    At gimbal lock only the sum or the difference of the first and the third angle is determined. Round-off decides
-    how it is divided between the two angles; no convention is applied. The angles of a rotation S reproduce S with an
-    error of at most 6 u (u = 2^-53) in every component, at gimbal lock too.
+    At gimbal lock, only the sum or the difference of the first and the third angle is determined. No convention fixes
+    the two angles there; rounding errors decide which of the possible pairs is returned. The rotation matrix of the
+    returned angles differs from S by at most 6 u (u = 2^-53) in every component, at gimbal lock too.
 
     Args:
         S: rotations, body to world; shape (..., 3, 3).
-        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
-        with_lock: whether to return also which samples are at gimbal lock, as `euler_rates` defines it. False by
-            default.
+        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
+            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
+        with_lock: whether to return also which samples are at gimbal lock; False by default. The docstring of
+            `euler_rates` (argument at_lock) defines gimbal lock.
 
     Returns:
         Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, (angles, locked), where
@@ -128,12 +130,13 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J (..., 3, 3) of omega = J phi' for Euler angles phi in one of 24 sequences such as "XYZ"
-    (E4). The angular velocity omega is in world axes.
+    """Return the matrix J (..., 3, 3) for which omega = J phi' (E4). phi are Euler angles in one of 24 sequences such
+    as "XYZ", phi' are their time derivatives, and omega is the angular velocity in world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
+            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
     Returns:
         J; shape (..., 3, 3).
@@ -172,11 +175,12 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
-        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
+            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
         at_lock: "raise" (the default) to raise an error at gimbal lock; "least_squares" to return there the smallest
-            phi' for which J phi' is nearest to omega. Gimbal lock is where the magnitude of the cosine of the middle
-            angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first axis is also the last,
-            such as XYX, it is the magnitude of the sine.
+            phi' for which J phi' is nearest to omega. Angles are at gimbal lock if the magnitude of the cosine of the
+            middle angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first axis is also the
+            last, such as XYX, the sine of the middle angle takes the place of the cosine.
 
     Returns:
         The rates phi' [rad/s]; shape (..., 3).
@@ -273,20 +277,23 @@ class EulerKinematics(Frozen):
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
     """Return the `EulerKinematics` of Euler angles phi (E4), a record of J, J^-1, the condition number of J and the
-    distance from gimbal lock. If the rates phid are given, J' is included. `sequence` is one of 24 such as "XYZ".
+    distance from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are given, the record also
+    has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
 
-    J is the matrix of omega = J phi', with the angular velocity omega in world axes. Its columns are the axes of the
-    three rotations. The second axis is perpendicular to the first and the third. If g is the cosine of the angle
-    between the first and the third axis, the singular values of J are sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and
-    the condition number is (1 + abs(g)) / sqrt(1 - g^2).
+    The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
+    is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,
+    the singular values of J are sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is the ratio of
+    the largest to the smallest, (1 + abs(g)) / sqrt(1 - g^2).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        phid: rates of the angles [rad/s]; shape (..., 3). None by default: J' is not computed.
-        sequence: one of 24, such as "XYZ" (the default); upper case is intrinsic, lower case extrinsic.
+        phid: time derivatives of the angles [rad/s]; shape (..., 3). By default J' is not computed.
+        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
+            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
     Returns:
-        The `EulerKinematics`.
+        The `EulerKinematics`, with the attributes J, J_inverse and J_dot (None without phid), each of shape
+        (..., 3, 3), and condition and lock_distance [rad], each of shape (...,).
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

@@ -21,14 +21,14 @@ ROTATION_TOLERANCE_BY_ITEMSIZE = {4: 1e-5, 8: 1e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
-    """Return the cross-product matrices [w]x, shape (..., 3, 3), of vectors w: [w]x @ u is the cross product of w and
-    u.
+    """Return the cross-product matrices [w]x (..., 3, 3) of the vectors w (..., 3). For any vector u, [w]x @ u is the
+    cross product of w and u.
 
     Args:
         w: vectors; shape (..., 3).
 
     Returns:
-        Shape (..., 3, 3).
+        Cross-product matrices; shape (..., 3, 3).
 
     >>> import hingepair as hp
     >>> hp.skew((1, 2, 3))
@@ -45,17 +45,18 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return the vectors w (..., 3) of cross-product matrices W = [w]x (..., 3, 3). Raise ArgumentError where a
-    matrix is not antisymmetric.
+    """Return the vectors w (..., 3) of the cross-product matrices W = [w]x (..., 3, 3). This is the inverse of
+    `skew`. Raise ArgumentError if a finite matrix is not antisymmetric.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).
 
     Returns:
-        Shape (..., 3).
+        Vectors; shape (..., 3).
 
     Raises:
-        ArgumentError: a finite W is not antisymmetric to 1e-9 of its largest element (float32: 1e-5).
+        ArgumentError: the symmetric part of a finite W has an element larger than 1e-9 times the largest element of W
+            (1e-5 times for float32).
 
     >>> import hingepair as hp
     >>> hp.unskew([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
@@ -74,12 +75,12 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the matrix (..., 3, 3) of the rotation by the angle psi about the axis n (E6), such as the rotation of
-    body 2 relative to body 1 about the hinge axis. The axis is normalised; raise AxisError if it is zero or not
-    finite.
+    """Return the rotation matrices (..., 3, 3) for rotations by the angle psi about the axis n (E6), such as the
+    rotation of body 2 relative to body 1 about the hinge axis. The function normalises the axis. Raise AxisError if
+    an axis is zero or not finite.
 
     Args:
-        n: rotation axis of any non-zero length; shape (..., 3). For a hinge it is in body 1's axes.
+        n: rotation axis of any non-zero length; shape (..., 3). For a hinge, its components are in body-1 axes.
         psi: rotation angle by the right-hand rule about n [rad]; shape (...,), broadcasts against n.
 
     Returns:
@@ -102,8 +103,8 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3), which are axis times angle
-    [rad] (E6). A Dask array gives a lazy Dask array.
+    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3) (E6). A rotation vector is the
+    unit vector of the rotation axis times the angle [rad]. For a Dask array, the result is a lazy Dask array.
 
     The error of every component is at most 6 u, where u = 2^-53, for angles up to 1e15.
 
@@ -159,18 +160,19 @@ def _rounding_correction(
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """Return the rotation vectors (..., 3) of rotation matrices: axis times angle [rad], with the angle in [0, pi]
-    (inverse of E6). Raise RotationError where S is not a rotation.
+    """Return the rotation vectors (..., 3) of rotation matrices S (inverse of E6). A rotation vector is the unit
+    vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is not a
+    rotation.
 
-    The error is at most 6 u times the angle, where u = 2^-53. For a rotvec of a length below pi,
-    `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error.
+    The error is at most 6 u times the angle, where u = 2^-53. For a rotation vector `rotvec` shorter than pi,
+    `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error. If S is not finite, the result is NaN.
 
     Args:
-        S: rotations; shape (..., 3, 3).
+        S: rotation matrices; shape (..., 3, 3).
 
     Returns:
-        Rotation vectors [rad]; shape (..., 3). At an angle of pi both signs of the axis are right, and one
-        of them is returned.
+        Rotation vectors [rad]; shape (..., 3). At an angle of pi, both signs of the axis give the same rotation, and
+        one of the two vectors is returned.
 
     Raises:
         RotationError: a finite S is not a rotation.
@@ -252,8 +254,8 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """Return the rotation matrices nearest to the matrices M (..., 3, 3) (their orthogonal polar factors); NaN where
-    a matrix is not finite. Raise RotationError if a determinant is not positive.
+    """Return the rotation matrices (..., 3, 3) nearest to the matrices M, which are the orthogonal polar factors of
+    M. If a matrix is not finite, its result is NaN. Raise RotationError if a determinant is not positive.
 
     The error of every component is at most 6 u, where u = 2^-53, if the components of M are within 1e-2 of those of a
     rotation. Otherwise the error grows with the ratio of the largest singular value of M to the sum of the two
@@ -263,7 +265,7 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
         M: matrices with a positive determinant; shape (..., 3, 3).
 
     Returns:
-        Rotations; shape (..., 3, 3); NaN where M is not finite.
+        Rotation matrices; shape (..., 3, 3); NaN for a matrix that is not finite.
 
     Raises:
         RotationError: a determinant is not positive. The orthogonal polar factor is then a reflection, or it is not

@@ -31,19 +31,21 @@ def derive(
     frame: str | None = None,
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
-    equations E1-E11; a Mechanism gives the FrameForms of its link, joint or frame named `frame`, by default of its
-    only link without children. `symbolic` names the constants that stay symbols, such as "u1". Raise an ArgumentError
-    for arguments that cannot be used.
+    equations E1-E11 (docs/concepts/equations.md). A Mechanism gives the FrameForms of its link, joint or frame named
+    `frame`, by default of its only link without children. `symbolic` names the constants that stay symbols, such as
+    "u1". Raise an ArgumentError for arguments that cannot be used.
 
-    The coordinates of a bare HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
-    phi_z(t), and psi(t). Those of a PlanarPair are x(t), y(t), phi(t), psi(t). A Scene has the expressions of its
-    file; a coordinate that the file gives by way points (instants and values) stays a function of t.
+    The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
+    phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
+    are the expressions in its file; a coordinate that the file defines by way points (instants and values) stays a
+    function of t.
 
-    Numbers are exact. An expression in a scene file, also in its table [pair], stays that expression. A float becomes
-    the number that its shortest decimal form shows: 0.1 becomes 1/10. An axis is recognised as exact if the squares
-    of its components are rational numbers with denominators up to 1000: (1, 1, 0) gives components sqrt(2)/2.
-    Products of sines and cosines become sums where the sum is not longer. The written forms (text, LaTeX, Python)
-    show a constant as an exact expression unless its decimal form with 17 digits is shorter.
+    All numbers are exact. An expression in a scene file, also in its table [pair], stays that expression. A float
+    becomes the number that its shortest decimal form shows: 0.1 becomes 1/10. The components of a normalised axis
+    become exact roots if their squares are rational numbers with denominators up to 1000: the axis (1, 1, 0) has the
+    components sqrt(2)/2, sqrt(2)/2 and 0. A product of sines and cosines becomes a sum if the sum is not longer. The
+    written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal form with 17 digits
+    is shorter.
 
     A robot's base rests at the origin. Joints with parallel axes give sums of angles such as c_23 = cos(q_2 + q_3).
     Sums that occur several times are named k_1, k_2. If a URDF file rounds right angles, such as 1.5708 for pi/2,
@@ -53,7 +55,7 @@ def derive(
     Args:
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
         symbolic: names of constants that stay symbols; none by default. For a pair: "u1", "u2" and "n" (symbols u1_x,
-            u1_y, u1_z and so on; n is taken to have length 1). For a scene: these, and the names of its constants.
+            u1_y, u1_z and so on; n is assumed to have length 1). For a scene: these, and the names of its constants.
             For a robot, only "u": the points of its joints (u_3x is the first component of the third joint's point,
             in the axes of the body that carries the joint) and the origin of the frame (p_x, p_y, p_z).
         frame: name of a link, a joint or another frame of a robot; by default its only link without
@@ -61,8 +63,9 @@ def derive(
 
     Returns:
         For a scene or a pair, a Derivation: `.omega1`, `.R2` and so on are SymPy matrices in the symbol `.t`. For a
-        robot, FrameForms: `.R`, `.S`, `.jacobian`, `.v` and `.omega` are SymPy matrices in `.q` and `.qd`. Both have
-        `.to_text()`, `.to_latex()` and `.to_python()`, which return the forms as text.
+        robot, FrameForms: position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and angular velocity `.omega` of
+        the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. Both have `.to_text()`,
+        `.to_latex()` and `.to_python()`, which return the forms as text.
 
     Raises:
         ArgumentError: an argument cannot be used, or the derivatives of an expression are too long. The message names

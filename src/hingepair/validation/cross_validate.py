@@ -63,52 +63,54 @@ def cross_validate(
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> CrossValidation | RobotValidation:
-    """Compare the outputs of a pair or a robot at the states q, qd, qdd with those of Pinocchio; return a report that
-    says whether they agree, a CrossValidation or a RobotValidation. `sequence` is the Euler sequence of a pair's
-    coordinates; `frames`, `base_motion` and `gravity` are for robots only.
+    """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
+    that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a
+    RobotValidation for a robot. `sequence` is the Euler sequence of a pair's coordinates; `frames`, `base_motion` and
+    `gravity` are for robots only.
 
-    The computations share no code: Pinocchio also computes the attitude and the rates of body 1, as those of a chain
-    of three revolute joints in the order of the Euler sequence.
+    The two computations share no code. Pinocchio also computes the attitude and the angular velocity of body 1 from
+    the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
 
-    For a pair, R2, S2 and d = R2 - R1 are compared, with qd also v2 and omega2, with qdd also a2 and alpha2. For d,
-    Pinocchio computes a pair at R1 = 0, because a difference of R2 and R1 would have the rounding error of both.
+    For a pair, R2, S2 and d = R2 - R1 are compared. If qd is given, v2 and omega2 are compared too, and if qdd is
+    given, a2 and alpha2. Pinocchio computes d as the position of body 2 for R1 = 0, because the difference of R2 and
+    R1 would contain the rounding errors of both.
 
     For a robot, the motion of all links, the Jacobians of the last link of each branch, and the mass matrix are
-    compared; with qd also energies and momenta, with qdd also forces and torques. Forward dynamics is compared by its
-    residual: from hingepair's accelerations, Pinocchio's inverse dynamics computes the forces that they require, and
-    these are compared with the forces that act.
+    compared. If qd is given, energies and momenta are compared too, and if qdd is given, forces and torques. Forward
+    dynamics is checked by its residual: Pinocchio's inverse dynamics computes the forces that hingepair's
+    accelerations require, and these forces are compared with the applied forces.
 
     Args:
         pair: a `HingePair`, a `PlanarPair` or a `Mechanism` (robot). A planar pair is compared in the plane, with the
             angle phi2 in place of S2.
         q: coordinates. For a pair (x, y, z, phi_x, phi_y, phi_z, psi) [m, rad], shape (..., 7) or a tuple of seven
-            coordinates; for a planar pair (x, y, phi, psi), shape (..., 4) or a tuple of four. For a robot, as for
-            `Mechanism.forward_kinematics`.
-        qd: first time derivatives of q, in the form of q.
-        qdd: second time derivatives of q, in the form of q.
+            coordinates; for a planar pair (x, y, phi, psi) [m, rad], shape (..., 4) or a tuple of four. For a robot,
+            the argument q of `Mechanism.forward_kinematics`.
+        qd: first time derivatives of q, in the same form as q.
+        qdd: second time derivatives of q, in the same form as q.
         sequence: Euler sequence of body 1 of a pair; "XYZ" unless given. Not used for planar pairs and robots.
-        frames: for a robot, names of the links or joints whose motion and Jacobians are compared; unless given, the
-            motion of all links and the Jacobians of the last link of each branch.
-        base_motion: for a robot, the motion of its base; unless given, the base rests at the origin.
-        gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) unless given.
+        frames: for a robot, names of the links, joints or other frames whose motion and Jacobians are compared. By
+            default, these are the motion of all links and the Jacobians of the last link of each branch.
+        base_motion: for a robot, BodyMotion of its base; by default the base rests at the origin.
+        gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) by default.
 
     Returns:
         For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
-        (hingepair.validation.robot_report). Both have `.ok`, `.verdict` (one line), `.to_json()`, `.skipped` (number
-        of samples that were left out because they are not finite) and `.rows`; printed, they are a table. There is a
-        row for each output, with:
+        (hingepair.validation.robot_report). Both have `.ok` (True if all outputs agree), `.verdict` (text of one
+        line), `.to_json()`, `.skipped` (number of samples that were left out because they are not finite) and
+        `.rows`. `print` shows the report as a table. `.rows` has a row for each output, with these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;
-        - `.max_ratio`: largest error in units of u * scale, where u is the unit roundoff (2^-53 for float64), and the
-          scale is the size of the terms that are added to form the output;
-        - `.bound`: the largest ratio that passes;
+        - `.max_ratio`: largest ratio of the error to u * scale, where u is the unit roundoff (2^-53 for float64), and
+          the scale is the size of the terms that are added to form the output;
+        - `.bound`: the largest ratio at which the output counts as agreeing;
         - `.worst_sample`: index of the sample with the largest ratio; for a robot, `.worst_part` is its link or
           joint;
         - `.samples`: number of compared samples.
 
     Raises:
-        ArgumentError: `forward_kinematics` of the pair or robot refuses an argument.
+        ArgumentError: an argument cannot be used by `forward_kinematics` of the pair or robot.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import numpy as np
@@ -145,15 +147,16 @@ def cross_validate_from_body1(
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
 ) -> CrossValidation:
-    """Compute the motion of body 2 by the equations and by Pinocchio, from the motion of body 1, from psi, and from
-    psid and psidd if they are given; return a CrossValidation, the report on their comparison.
+    """Compare the motion of body 2 that hingepair computes with the motion that Pinocchio computes. Both use the same
+    motion of body 1, the same psi, and psid and psidd if they are given. Return a CrossValidation, the report on the
+    comparison.
 
     This function compares the same outputs as `cross_validate`, but takes the attitude of body 1 as a matrix instead
     of Euler angles. Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a
     rotation to within rounding errors; `project_to_rotation` returns such a rotation.
 
     Args:
-        pair: the pair.
+        pair: a single HingePair (u1, u2, n and home without leading axes).
         body1: motion of body 1: R and S; also v and omega if psid is given; also a and alpha if psidd is given.
         psi: hinge angle [rad]; shape (...,), broadcasts against body1.
         psid: first time derivative of psi [rad/s]; shape (...,).
@@ -163,7 +166,7 @@ def cross_validate_from_body1(
         A `CrossValidation`, as described for `cross_validate`.
 
     Raises:
-        ArgumentError: `pair.forward_kinematics_from_body1` refuses an argument.
+        ArgumentError: an argument cannot be used by `pair.forward_kinematics_from_body1`.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import hingepair as hp

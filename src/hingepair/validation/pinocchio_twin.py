@@ -173,13 +173,13 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """Build a pair or a robot as a Pinocchio model; return a PinocchioTwin for a pair, a RobotTwin for a robot. It
-    holds the model and has methods that convert coordinates.
+    """Build a Pinocchio model of a pair or a robot. Return a PinocchioTwin for a pair and a RobotTwin for a robot;
+    both hold the model and have methods that convert coordinates to Pinocchio's q, v and a.
 
-    The model of a pair has a free-flyer for body 1, a revolute joint about n at u1, and a frame of body 2. Masses and
-    limits are in the model if the pair has them. If body1 or body2 is None, its mass in the model is 0; this is
-    enough for kinematics, but dynamics needs both bodies. Without limits, the joint of the model is not limited.
-    Shapes are not in the model (`to_urdf` writes them).
+    The model of a pair has a free-flyer joint for body 1, a revolute joint about n at u1, and a frame of body 2. It
+    has the masses and the limits of the pair. If body1 or body2 is None, its mass in the model is 0; this is enough
+    for kinematics, but dynamics needs both bodies. If the pair has no limits, the joint of the model has none. Shapes
+    are not in the model (`to_urdf` writes them).
 
     Args:
         pair: a single `HingePair` (u1, u2, n and home without leading axes), or a `Mechanism`.
@@ -194,14 +194,14 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
         - `.motion(q, v, a)`: body1, psi, psid and psidd, converted back from Pinocchio's q, v and a;
         - `.body2(q, v, a)`: the motion of body 2 that Pinocchio computes.
 
-        For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin) with `.model`, which has all links and all
-        moving joints, mimic joints included, `.data`, and:
+        For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin) with:
 
+        - `.model` and `.data` of Pinocchio; the model has all links and all moving joints, mimic joints included;
         - `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`: Pinocchio's q, v and a.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
-        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
+        ShapeError: u1, u2, n or home of the pair has leading axes.
 
     >>> import numpy as np
     >>> import hingepair as hp
