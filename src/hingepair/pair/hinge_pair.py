@@ -166,31 +166,32 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> PairState:
         """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
-        (E1-E10). qd and qdd add velocities and accelerations; `outputs` names the outputs to compute, `sequence` the
-        Euler sequence of body 1. Results are written into the arrays of the dict `out`, if given.
+        (E1-E10). qd and qdd add velocities and accelerations. `outputs` names the outputs to compute, and `sequence`
+        is the Euler sequence of body 1. Results are written into the arrays of the dict `out`, if given.
 
-        By default, the inputs determine the outputs: q alone gives position and attitude.
+        By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
+        accelerations.
 
         Args:
             q: coordinates [m, rad]: the position of body 1's reference point, the Euler angles of body 1, and the
                 hinge angle. Either one array of shape (..., 7), or a tuple of seven numbers or arrays that
                 broadcast. A number in the tuple is the same for all samples, which saves computing time.
-            qd: time derivatives of q [m/s, rad/s], in either form.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], in either form.
+            qd: time derivatives of q [m/s, rad/s]: an array (..., 7) or a tuple of seven, like q.
+            qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 7) or a tuple of seven, like q.
             outputs: names of the outputs to compute, out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1,
                 a1, alpha1. By default, all outputs of body 2 that the inputs allow.
-            out: dict of arrays by output name; the results are written into them. Each has the shape of its output
-                and the dtype of the result.
+            out: dict of arrays by output name, into which the results are written. Each array must have the shape of
+                its output and the dtype of the results.
             sequence: Euler sequence of body 1, one of the 24 that SciPy knows: "XYZ" and other upper-case sequences
                 are intrinsic, lower-case ones extrinsic. phi_x, phi_y and phi_z are the angles of its first, second
                 and third letter.
             workers: number of threads; -1 for one thread per core.
-            backend: "numpy"; "compiled", which compiles machine code at the first call; or "auto", which compiles
-                if the number of samples makes it worthwhile.
+            backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles. "auto"
+                compiles if the number of samples makes it worthwhile.
 
         Returns:
-            The state. Outputs that the inputs do not allow, such as v2 without qd, are None. The dtype is float32 if
-            all arrays among the inputs are float32, and float64 otherwise.
+            The PairState. Outputs that are not computed, such as v2 without qd, are None. The dtype is float32 if all
+            arrays among the inputs are float32, and float64 otherwise.
 
         Raises:
             ArgumentError: an argument cannot be used; the error names it.
@@ -221,42 +222,46 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Return a Prepared call, planned, checked and compiled once, for loops over single states or small batches.
-        `given` says which inputs it takes: a keyword such as "velocity", or a tuple of names. `outputs` names what it
-        computes.
+        """Return a Prepared object, which is called like a function and is compiled only once, for loops over single
+        states or small batches. `given` says which inputs it takes: a word such as "velocity", or a tuple of names.
+        `outputs` names what it computes.
 
         Args:
-            given: which inputs each call of the result will take, and in which order. One of these:
+            given: inputs of the Prepared object, in the order in which each call passes them. One of these:
 
                 - "pose", short for ("q",); "velocity", for ("q", "qd"); "acceleration", for ("q", "qd", "qdd");
                 - "inverse_dynamics", for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
                 - "forward_dynamics", for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque");
                 - a tuple of names out of q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid
-                  and psidd; for outputs of two motions also R2, S2, v2, omega2, a2 and alpha2; for forward dynamics
-                  also the loads force1, torque1, hinge_torque, force2 and torque2. Exactly one of the names gives
-                  the attitude of body 1: q, S1, quat_xyzw or quat_wxyz.
+                  and psidd. For outputs that depend on the motion of both bodies, such as gap, also R2, S2, v2,
+                  omega2, a2 and alpha2. For forward dynamics, also the loads force1, torque1, hinge_torque, force2
+                  and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the attitude
+                  of body 1. The letters of the quaternions are the order of their components.
             outputs: names of the outputs to compute, out of:
 
                 - the outputs of `forward_kinematics`;
-                - jacobian, acceleration_bias, coordinate_jacobian and coordinate_jacobian_rate;
-                - the fields of `sensitivities` (d_by_u1, ...);
-                - if S2 is given, the arrays of `residuals` (gap, tilt, psi, ...), constraint_jacobian and
-                  constraint_bias;
-                - force1, torque1, hinge_torque, bearing_torque, mass_matrix, kinetic, potential, linear and angular;
-                - if a load is given, the accelerations a1, alpha1 and psidd.
+                - jacobian, acceleration_bias, coordinate_jacobian, coordinate_jacobian_rate and mass_matrix, the
+                  results of the methods with these names;
+                - the attributes of `Sensitivities` (d_by_u1, ...);
+                - if S2 is given, the arrays of `Residuals` (gap, tilt, psi, ...), and the results of the methods
+                  constraint_jacobian and constraint_bias;
+                - force1, torque1 and hinge_torque (`inverse_dynamics`), bearing_torque (`hinge_wrench`), kinetic and
+                  potential (`energy`), linear and angular (`momentum`);
+                - if a load is given, the accelerations a1, alpha1 and psidd (`forward_dynamics`).
 
-                By default, the results of inverse or forward dynamics if `given` asks for them, and otherwise all
-                outputs of body 2 that the inputs allow.
+                By default, the results of inverse or forward dynamics if `given` holds their inputs, and otherwise
+                all outputs of body 2 that the inputs allow.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
             backend: "auto" and "compiled" compile machine code before this method returns; "numpy" never compiles.
 
         Returns:
-            A callable. It takes the inputs in the order of `given`, which broadcast, and optionally `out=`, a dict of
-            arrays to write into; it returns a `PairState`. Outputs that are not attributes of a PairState are read
-            by name, such as `state["gap"]`. The attribute `source` of the callable is the generated Python code,
-            `llvm` the LLVM code.
+            A `Prepared` object. A call takes the inputs in the order of `given`; they broadcast against each other.
+            It also takes `out=`, a dict of arrays by output name, into which the results are written. It returns a
+            `PairState`. Outputs that are not attributes of a PairState are read like items of a dict, such as
+            `state["gap"]`. The attributes `source` and `llvm` of the object are the generated Python code and the
+            generated LLVM code, as text.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an input that is not given; the error names it.
@@ -296,10 +301,14 @@ class HingePair(Shown):
             psi: hinge angle, right-handed about n [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
             psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            outputs: as for `forward_kinematics`; likewise out, workers and backend.
-            out: dict of arrays by output name to write the results into.
-            workers: number of threads.
-            backend: "auto", "numpy" or "compiled".
+            outputs: names of the outputs to compute, as for `forward_kinematics`. By default, all outputs of body 2
+                that the inputs allow.
+            out: dict of arrays by output name, into which the results are written, as for `forward_kinematics`.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+
+        Returns:
+            The PairState. Outputs that are not computed, such as v2 without psid, are None.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -324,18 +333,25 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of forward_kinematics, whose arguments
-        it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output, at every
-        sample.
+        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a
+        dict by output name of arrays (...,): at every sample, one bound that holds for each component of the output.
 
-        The error is the difference from the exact result of the equations for the given inputs: the coordinates, u1,
-        u2, home, and n before it is scaled to unit length. The bounds are rigorous for both backends if sines and
-        cosines are accurate to 1.5 units in the last place. Actual errors are usually at most a third of the bounds;
-        they can come closer if only a few operations cause rounding errors.
+        The error is the difference from the exact result of the equations for the given inputs, which are taken as
+        exact: the coordinates, u1, u2, home, and n before it is scaled to unit length. The bounds are rigorous for
+        the backends "numpy" and "compiled" if sines and cosines are accurate to 1.5 units in the last place. Actual
+        errors are usually at most a third of the bounds. They can be closer to the bounds if only a few operations
+        cause rounding errors.
+
+        Args:
+            q: coordinates [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], as for `forward_kinematics`.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], as for `forward_kinematics`.
+            outputs: names of the outputs, as for `forward_kinematics`.
+            sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            For each output, a bound on the error of every component, in the unit of the output; shape (...,). The
-            bound is infinite where a number overflows or an input is NaN or infinite.
+            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
+            (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -356,13 +372,24 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of forward_kinematics_from_body1, whose
-        arguments it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output,
-        at every sample.
+        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics_from_body1`.
+        Return a dict by output name of arrays (...,): at every sample, one bound that holds for each component of the
+        output.
 
-        The error is the difference from the exact result of the equations for the arrays in body1 as they are.
-        Rounding errors in these arrays, for instance from a conversion of quaternions to S, do not count. The bounds
-        are as for `error_bounds`.
+        The error is the difference from the exact result of the equations for the given inputs, which are taken as
+        exact. The bounds do not include rounding errors that body1 already contains, for instance from a conversion
+        of quaternions to S. `error_bounds` says under which condition the bounds are rigorous.
+
+        Args:
+            body1: the motion of body 1, as for `forward_kinematics_from_body1`.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,).
+            psidd: second time derivative of psi [rad/s^2]; shape (...,).
+            outputs: names of the outputs, as for `forward_kinematics`.
+
+        Returns:
+            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
+            (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -377,18 +404,20 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape (...,
-        7, 7) (D6). `body1` is the BodyMotion of body 1, of which only S is used. Raise ArgumentError if a body has no
-        mass properties.
+        """Compute the mass matrix M, shape (..., 7, 7). It is the M in M @ (a1, alpha1, psi'') + bias =
+        (force1, torque1, hinge_torque) (D6). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError
+        if a body has no mass properties.
 
-        bias holds the forces and torques that velocities and gravity require.
+        bias is the value of (force1, torque1, hinge_torque) for a1 = 0, alpha1 = 0 and psi'' = 0; velocities and
+        gravity cause it.
 
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
 
         Returns:
-            M, a symmetric matrix in world axes, with torques about R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
+            M, a symmetric matrix; shape (..., 7, 7). Its elements are masses [kg], first moments of mass [kg m] and
+            moments of inertia [kg m^2], for accelerations, forces and torques in world axes. torque1 is about R1.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -428,8 +457,9 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The Forces, with the attributes force1 [N] and torque1 [N m], which must act on body 1 at R1, world axes,
-            shape (..., 3); and hinge_torque [N m], which body 1 exerts on body 2 about the hinge axis, shape (...,).
+            The Forces. Its attributes force1 [N] and torque1 [N m] must act on body 1 at R1; world axes, shape
+            (..., 3). Its attribute hinge_torque [N m] is the torque that body 1 must exert on body 2 about the hinge
+            axis; shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -468,7 +498,7 @@ class HingePair(Shown):
         on both bodies (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass
         properties, or if the mass matrix is singular.
 
-        The arrays broadcast against each other. Instead of an array, a force or torque may be the number 0.
+        The arrays broadcast against each other. The number 0 may be given for any force or torque.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
@@ -519,12 +549,18 @@ class HingePair(Shown):
         `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
         has no mass properties; body 1 needs none.
 
-        The arguments are those of `inverse_dynamics`.
+        Args:
+            body1: the motion of body 1; S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1, as do psid and psidd.
+            psid: time derivative of psi [rad/s]; shape (...,).
+            psidd: second time derivative of psi [rad/s^2]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The HingeWrench, with the attributes force [N] and torque [N m] (about the hinge point), world axes, shape
-            (..., 3), and the two parts of the torque: hinge_torque, the component along the hinge axis, shape
-            (...,), and bearing_torque, the part perpendicular to the axis, shape (..., 3).
+            The HingeWrench. Its attributes force [N] and torque [N m], about the hinge point, are in world axes and
+            have shape (..., 3). Two more attributes are the parts of the torque: hinge_torque, the component along
+            the hinge axis, shape (...,), and bearing_torque, the vector perpendicular to the axis, world axes, shape
+            (..., 3).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -550,7 +586,8 @@ class HingePair(Shown):
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
-        body 1. A body 1 without mass properties does not count; raise ArgumentError if body 2 has none.
+        body 1. If body 1 has no mass properties, the energy is the energy of body 2 alone. Raise ArgumentError if
+        body 2 has no mass properties.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -559,8 +596,8 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is that in
-            the gravity field; it is zero at the world's origin.
+            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy includes
+            gravity only. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -585,7 +622,10 @@ class HingePair(Shown):
         """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). `body1` is the
         BodyMotion of body 1. Raise ArgumentError if a body has no mass properties.
 
-        The arguments are those of `energy`.
+        Args:
+            body1: the motion of body 1; R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            psid: time derivative of psi [rad/s]; shape (...,).
 
         Returns:
             The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
@@ -617,30 +657,32 @@ class HingePair(Shown):
         t: ArrayLike | None = None,
     ) -> Residuals:
         """Compute the Residuals of two BodyMotions, which say by how much the motions violate the hinge constraints
-        E1 and E2 and their time derivatives. They are compared with `tolerances`, a dict by residual (defaults cover
-        rounding errors). For Dask arrays, return LazyResiduals. `t` holds the instants, for the report.
+        E1 and E2 and their time derivatives. They are compared with `tolerances`, a dict by name of the residual; the
+        default tolerances cover rounding errors. For Dask arrays, return LazyResiduals. `t` holds the instants of the
+        samples, which the report names.
 
         Args:
             body1: the motion of body 1.
-            body2: the motion of body 2. The rates of the constraints are compared if both motions have omega (and v,
-                for the gap), their accelerations if both also have alpha (and a).
+            body2: the motion of body 2. tilt_rate is computed if both motions have omega, and gap_rate if they also
+                have v. tilt_acceleration is computed if both motions have omega and alpha, and gap_acceleration if
+                they also have v and a.
             tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
                 gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The gap
-                is the distance between the hinge points of both bodies, the tilt the angle between their hinge axes,
-                in [0, pi]. The default tolerance of a residual covers rounding errors: 32 u times a scale, which the
-                report prints, where u is 2^-53 in double precision.
+                is the distance between the hinge points of both bodies. The tilt is the angle between their hinge
+                axes, in [0, pi]. The default tolerance of a residual is 32 u times a scale, which covers rounding
+                errors. u is 2^-53 in double precision, and the report prints the formula of the scale.
             t: instants of the samples, numbers or datetime64, for the report; broadcasts against the samples.
 
         Returns:
-            The `Residuals`. `.ok` says whether all residuals are within their tolerances, `.verdict` says it in one
-            line, `str()` gives a table, `.rows` its rows and `.to_json()` JSON. The residuals at every sample are
-            arrays such as `.gap` (..., 3) [m] and `.tilt_angle` (...,) [rad]; `.psi` (...,) [rad] is the hinge angle.
-            Samples that are not finite are left out, and the report counts them.
+            The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
+            line of text. `str()` gives a table, `.rows` the rows of the table, and `.to_json()` a JSON text. The
+            residuals at every sample are arrays such as `.gap` (..., 3) [m] and `.tilt_angle` (...,) [rad]. `.psi`
+            (...,) [rad] is the hinge angle. The report leaves out samples that are not finite, and counts them.
 
-            If the motions hold Dask arrays, the result is a `LazyResiduals`: it has the same arrays as Dask arrays,
-            and `.ratio` (...,), the largest residual / tolerance of each sample. Its `.compute()` returns the
-            `Residuals` in memory. Its `.compute_summary()` returns `Residuals` whose arrays stay Dask arrays, for
-            motions larger than memory.
+            If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
+            arrays. Its `.ratio` (...,) is the largest quotient of a residual and its tolerance at each sample. Its
+            `.compute()` returns the `Residuals` in memory. Its `.compute_summary()` returns `Residuals` whose arrays
+            stay Dask arrays, for motions larger than memory.
 
         Raises:
             ArgumentError: an argument cannot be used, or a tolerance is given for rates that the motions do not have.
@@ -667,16 +709,16 @@ class HingePair(Shown):
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2). `body1` is
-        the BodyMotion of body 1, of which only S is used.
+        the BodyMotion of body 1; only S is used.
 
-        `coordinate_jacobian` computes the Jacobian with respect to qd, the time derivatives of the coordinates.
+        `coordinate_jacobian` computes the matrix that multiplies qd, the time derivatives of the seven coordinates.
 
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
 
         Returns:
-            The Jacobian Jac, in world axes; shape (..., 6, 7).
+            The Jacobian Jac, for velocities in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -689,11 +731,12 @@ class HingePair(Shown):
         return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-        """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that
-        is caused by velocities, shape (..., 6) (E9). `body1` is the BodyMotion of body 1, of which S and omega are
-        used.
+        """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). It is the bias in
+        (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9). `body1` is the BodyMotion of body 1; only S and omega
+        are used.
 
-        Jac is the result of `jacobian`.
+        Jac is the matrix that `jacobian` returns. (a2, alpha2) is a vector of 6 components, and
+        (a1, alpha1, psi'') is a vector of 7.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
@@ -701,7 +744,7 @@ class HingePair(Shown):
             psid: time derivative of psi [rad/s]; shape (...,).
 
         Returns:
-            The bias [m/s^2, rad/s^2], in world axes; shape (..., 6).
+            The bias, world axes: three components of a2 [m/s^2], then three of alpha2 [rad/s^2]; shape (..., 6).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -715,15 +758,15 @@ class HingePair(Shown):
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
     def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
-        """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven
-        coordinates q; shape (..., 6, 7) (E8, E2, E4). `sequence` is the Euler sequence of body 1.
+        """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, shape (..., 6, 7). qd is the vector of the time
+        derivatives of the seven coordinates q (E8, E2, E4). `sequence` is the Euler sequence of body 1.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            The Jacobian Jq, in world axes; shape (..., 6, 7).
+            The Jacobian Jq; shape (..., 6, 7). Its rows give v2 and omega2 in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -739,7 +782,7 @@ class HingePair(Shown):
         self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
     ) -> FloatArray:
         """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
-        (E9). With it, (a2, alpha2) = Jq @ qdd + Jq' @ qd. `sequence` is the Euler sequence of body 1.
+        (E9). The accelerations are (a2, alpha2) = Jq @ qdd + Jq' @ qd. `sequence` is the Euler sequence of body 1.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -747,7 +790,7 @@ class HingePair(Shown):
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            The time derivative Jq', in world axes; shape (..., 6, 7).
+            The time derivative Jq'; shape (..., 6, 7). Its rows belong to a2 and alpha2 in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -761,10 +804,11 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-        """Compute the Sensitivities, a record of the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n
-        and psi (E2, E5-E8), for the BodyMotion of body 1. n is scaled to unit length, so the derivative with respect
-        to a change along n is zero. The derivatives of R2 are equal to those of d. Without psid, the derivatives of
-        v2 and omega2 are None.
+        """Compute the Sensitivities: the derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and
+        psi (E2, E5-E8). `body1` is the BodyMotion of body 1. n is scaled to unit length, so the derivative with
+        respect to a change along n is zero. Without psid, the derivatives of v2 and omega2 are None.
+
+        R2 has the same derivatives as d, because R1 is given.
 
         Args:
             body1: the motion of body 1; only S is used, and omega if psid is given.
@@ -772,9 +816,10 @@ class HingePair(Shown):
             psid: time derivative of psi [rad/s]; shape (...,).
 
         Returns:
-            The Sensitivities, an object with an attribute for each derivative, such as d_by_u1, shape (..., 3, 3),
-            for that of d with respect to u1. The last axis is the component of u1, u2 or n; derivatives with respect
-            to psi do not have it. For example, S2_by_n has shape (..., 3, 3, 3) and S2_by_psi (..., 3, 3).
+            The Sensitivities. Each derivative is an attribute in world axes: d_by_u1, shape (..., 3, 3), is the
+            derivative of d with respect to u1, and element [..., i, j] the derivative of d[i] with respect to u1[j].
+            Derivatives with respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi
+            has shape (..., 3, 3).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -798,31 +843,33 @@ class HingePair(Shown):
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7), for the BodyMotion of body 1. Give the tolerances as standard deviations
-        or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0 and no covariance is
-        given.
+        home cause, to first order (E5, E7). `body1` is the BodyMotion of body 1. Give the tolerances as standard
+        deviations or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0 and no
+        covariance is given.
 
-        `hingepair.sample_pairs` draws random pairs with the same tolerances, which shows whether the first order is
-        accurate enough.
+        `hingepair.sample_pairs` draws random pairs with the same tolerances. A comparison with them shows whether the
+        first-order result is accurate enough.
 
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
             u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
-            axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
-                perpendicular directions.
-            home_std: standard deviation of each component of the rotation vector, body-1 axes, by which home deviates
-                [rad]: a number, or shape (3,).
+            axis_std: standard deviation of the angle by which the hinge axis is tilted [rad]. It holds for each of
+                two tilts, about two directions perpendicular to n and to each other.
+            home_std: standard deviation of each component of the rotation vector r, body-1 axes [rad], if the actual
+                home is exp(r) @ home: a number, or shape (3,). exp(r) is the rotation matrix of r.
             covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
-                (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1
-                axes) [rad]; shape (12, 12), such as `HingeFit.covariance`. Give no standard deviations beside it.
+                (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r as for home_std (body-1 axes)
+                [rad]; shape (12, 12), such as `HingeFit.covariance`. Give either
+                a covariance or standard deviations, not both.
 
         Returns:
             The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
             (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
-            of the attitude is the rotation vector, in world axes, by which body 2 deviates. The method
-            contributions() returns the variances that each component of u1, u2 and home, and the axis n, cause alone.
+            of the attitude is the rotation vector, in world axes, from the nominal to the actual attitude of body 2.
+            The method contributions() returns the variances due to each tolerance alone: of each component of u1, u2
+            and home, and of the axis n.
 
         Raises:
             ArgumentError: an argument cannot be used, or all standard deviations are 0 and no covariance is given;
@@ -841,21 +888,24 @@ class HingePair(Shown):
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the Jacobian G of the five hinge constraints in (gap', tilt') = G @ (v1, omega1, v2, omega2), shape
-        (..., 5, 12), for solvers of differential-algebraic equations (E1, E2). `body1` and `body2` are BodyMotions.
+        """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12), for solvers of
+        differential-algebraic equations: (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2`
+        are BodyMotions.
 
-        The five constraints are gap = 0 and tilt = 0. gap = R1 + S1 u1 - R2 - S2 u2 has three components in world
-        axes [m]. tilt has two: the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2. Here C is `home`, e1 is the
-        coordinate axis of body 1 that is furthest from n, made perpendicular to n, and e2 = n x e1. G gives their
-        exact time derivatives, (gap', tilt') = G @ (v1, omega1, v2, omega2), also for motions that violate the
-        constraints.
+        The five constraints are gap = 0 and tilt = 0. gap is the vector R1 + S1 u1 - R2 - S2 u2, with three
+        components in world axes [m]. tilt has two components, without unit. Let h1 = S1 n and h2 = S2 C^-1 n be the
+        directions of the hinge axis that follow from each body, in world axes, where C is `home`. The components of
+        tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1 e2). e1 and e2 are fixed in body 1 and form an orthonormal
+        basis with n: e1 is the coordinate axis of body 1 along which n has the component of smallest
+        magnitude, projected on the plane perpendicular to n and scaled to unit length. e2 is n x e1. The Jacobian is
+        exact even if a motion violates the constraints.
 
         Args:
             body1: the motion of body 1; only S is used.
             body2: the motion of body 2; only S is used.
 
         Returns:
-            The Jacobian G, for velocities in world axes; shape (..., 5, 12).
+            The Jacobian G; shape (..., 5, 12). It multiplies velocities in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -869,19 +919,19 @@ class HingePair(Shown):
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, the part of the constraints'
-        second time derivatives that is caused by velocities, shape (..., 5) (E1, E2). `body1` and `body2` are
+        """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). It is
+        the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
 
-        `constraint_jacobian` explains gap and tilt and returns G. For motions that the hinge allows, gap'' and tilt''
-        are zero; the bias in general is not.
+        `constraint_jacobian` explains gap and tilt, and returns G. If a motion satisfies the constraints at all
+        times, gap'' and tilt'' are zero, but the bias is in general not zero.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
             body2: the motion of body 2; only S and omega are used.
 
         Returns:
-            The bias [m/s^2, rad/s^2]; shape (..., 5).
+            The bias: three components for gap'' [m/s^2], then two for tilt'' [1/s^2]; shape (..., 5).
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -46,8 +46,9 @@ _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
 class PlanarPair(Shown):
     """Two bodies in a plane joined by a pin (a hinge): R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
-    It corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of body 1
-    and body 2 about z, psi is the hinge angle. The values are copied, and the attributes are read-only.
+    The pair corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of
+    body 1 and body 2 about z, and psi is the hinge angle. S1 and S2 are the rotation matrices (2, 2) of phi and phi2.
+    The values are copied, and the attributes are read-only.
     `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1 and u2 may have leading axes, which
     broadcast against the samples: then each sample has a pair of its own.
 
@@ -57,7 +58,7 @@ class PlanarPair(Shown):
         name: name of the pair in exports and messages.
         body1: mass properties and shapes of body 1, a spatial `Body`. Dynamics uses only its mass, its moment of
             inertia about z, and the x and y of its centre of mass.
-        body2: mass properties and shapes of body 2, likewise.
+        body2: mass properties and shapes of body 2. Dynamics uses the same properties as for body 1.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
@@ -125,26 +126,26 @@ class PlanarPair(Shown):
         backend: str = "auto",
     ) -> PlanarState:
         """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11). qd and qdd add
-        velocities and accelerations; `outputs` names the outputs to compute. Results are written into the arrays of
+        velocities and accelerations. `outputs` names the outputs to compute. Results are written into the arrays of
         the dict `out`, if given.
 
-        The inputs determine the outputs: q alone gives position and attitude; qd adds velocities, and qdd adds
+        By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
         accelerations.
 
         Args:
             q: coordinates [m, rad]: the position of body 1's reference point, the angle of body 1, and the hinge
                 angle. Either one array of shape (..., 4), or a tuple of four numbers or arrays that broadcast.
-            qd: time derivatives of q [m/s, rad/s], in either form.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], in either form.
+            qd: time derivatives of q [m/s, rad/s]: an array (..., 4) or a tuple of four, like q.
+            qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 4) or a tuple of four, like q.
             outputs: names of the outputs to compute, out of R2, d, v2 and a2, shape (..., 2), and phi2, omega2 and
                 alpha2, shape (...,). By default, all that the inputs allow.
-            out: dict of arrays by output name to write the results into, as for `HingePair.forward_kinematics`;
-                likewise workers and backend.
-            workers: number of threads.
-            backend: "auto", "numpy" or "compiled".
+            out: dict of arrays by output name, into which the results are written. Each array must have the shape of
+                its output and the dtype of the results.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
 
         Returns:
-            The state. Outputs that the inputs do not allow, such as v2 without qd, are None.
+            The PlanarState. Outputs that are not computed, such as v2 without qd, are None.
 
         Raises:
             ArgumentError: an argument cannot be used; the error names it.
@@ -172,11 +173,20 @@ class PlanarPair(Shown):
         qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of forward_kinematics, whose arguments
-        it takes. Return a dict of arrays (...,) by output name: a bound for all components of the output, at every
-        sample.
+        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a
+        dict by output name of arrays (...,): at every sample, one bound that holds for each component of the output.
 
-        The arguments are those of `forward_kinematics`. `HingePair.error_bounds` explains the bounds.
+        `HingePair.error_bounds` says under which condition the bounds are rigorous.
+
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
+            outputs: names of the outputs, as for `forward_kinematics`.
+
+        Returns:
+            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
+            (...,).
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -227,16 +237,18 @@ class PlanarPair(Shown):
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque), shape
-        (..., 4, 4) (D6). Raise ArgumentError if a body has no mass properties.
+        """Compute the mass matrix M, shape (..., 4, 4). It is the M in M @ (x'', y'', phi'', psi'') + bias =
+        (force1, torque1, hinge_torque) (D6). Raise ArgumentError if a body has no mass properties.
 
-        bias holds the forces and torques that velocities and gravity require.
+        bias is the value of (force1, torque1, hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and gravity
+        cause it. force1 has two components.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
 
         Returns:
-            M, a symmetric matrix [kg, kg m, kg m^2]; shape (..., 4, 4).
+            M, a symmetric matrix; shape (..., 4, 4). Its elements are masses [kg], first moments of mass [kg m] and
+            moments of inertia [kg m^2].
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -265,9 +277,9 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
 
         Returns:
-            The Forces, with the attributes force1 [N], which must act on body 1 at R1, shape (..., 2); torque1 [N m],
-            which must act on body 1, shape (...,); and hinge_torque [N m], which body 1 exerts on body 2, shape
-            (...,).
+            The Forces. Its attributes force1 [N], shape (..., 2), and torque1 [N m], shape (...,), must act on body 1
+            at R1. Its attribute hinge_torque [N m], shape (...,), is the torque that body 1 must exert on body 2
+            about the pin.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -293,11 +305,16 @@ class PlanarPair(Shown):
         is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties; body 1
         needs none.
 
-        The arguments are those of `inverse_dynamics`.
+        Args:
+            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            qd: time derivatives of q [m/s, rad/s], in the same form.
+            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
+            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
 
         Returns:
-            The HingeWrench, with the attributes force [N], shape (..., 2), and torque [N m] (about the pin), shape
-            (...,). Its hinge_torque is equal to torque, and its bearing_torque is 0; shape (...,).
+            The HingeWrench. Its attributes are force [N], shape (..., 2), and torque [N m], about the pin, shape
+            (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque is 0; both have
+            shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -365,8 +382,8 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). A body 1 without mass
-        properties does not count; raise ArgumentError if body 2 has none.
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). If body 1 has no mass
+        properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
@@ -374,8 +391,8 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
 
         Returns:
-            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is that in
-            the gravity field; it is zero at the world's origin.
+            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy includes
+            gravity only. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
