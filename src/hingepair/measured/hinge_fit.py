@@ -151,9 +151,9 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Return a Residuals report on the hinge constraints E1 and E2 of every sample. The tolerances are five times
-        the rms residuals of the fit. If the fit is not `ok`, its residuals may be more than noise, and the
-        tolerances are the defaults of `HingePair.residuals`, which cover rounding errors.
+        """Return a Residuals report on the `gap` and the `tilt` of every sample. Their tolerances are five times
+        `rms_position` and five times `rms_angle`. If the fit is not `ok`, the tolerances are the defaults of
+        `HingePair.residuals`, which allow for rounding errors only.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_REPORT_LIMIT_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
@@ -162,10 +162,11 @@ class HingeFit(Shown):
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """Return a Matplotlib figure of the hinge angle and of the residuals of each sample over time. Raise
-        MissingDependencyError if Matplotlib is not installed.
+        """Return a Matplotlib figure with the hinge angle psi [deg], the residual `gap` [mm] and the residual `tilt`
+        [deg] over time. Raise MissingDependencyError if Matplotlib is not installed.
 
-        If `fit` was called without `t`, the horizontal axis counts samples.
+        The horizontal axis is t [s], or the index of the sample if `fit` was called without `t`. If body 2 is a
+        point, `tilt` is left out.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -249,8 +250,9 @@ class HingeFit(Shown):
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return a report as JSON text: the hinge, standard deviations, rms residuals, noise, the range of psi and
-        the findings. Numbers that are not finite become null.
+        """Return a report as JSON text, a str: the hinge, standard deviations, rms residuals, noise, clock offset,
+        encoder, the smallest and largest psi, and the findings. Units are m, rad and s. Numbers that are not finite
+        become null.
         """
         import json
 
@@ -287,55 +289,59 @@ def fit(
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to the recorded motions `body1` and `body2`, two
-    BodyMotions (E1, E5), and return a HingeFit. With `t`, also estimate the offset between the clocks of both
-    recordings, unless `clock_offset` gives it; with `encoder`, readings of a sensor of psi, also its zero and scale.
-    `loss` names the loss function, `gauge` the rule for the hinge point along the axis. Raise FitError if the samples
-    do not determine a hinge.
+    BodyMotions, and return a HingeFit. With `t`, also estimate the offset between the clocks of the two recordings,
+    unless `clock_offset` gives it. With `encoder`, the readings of a hinge angle sensor, also estimate the zero and
+    the scale of the sensor. `loss` names the loss function; `gauge` names the rule that selects the hinge point on
+    the axis. Raise FitError if the samples do not determine a hinge.
 
-    A first estimate in closed form uses the mean relative attitude and six linear equations. A maximum-likelihood
-    estimate refines it, assuming (without noise1 and noise2) that the noise of every pose is isotropic and equal in
-    both bodies. The size of the noise is estimated from the data. Poses that are not finite count as missing.
+    A first estimate is computed in closed form from the mean relative attitude and six linear equations. A
+    maximum-likelihood estimate then refines it. Unless noise1 and noise2 are given, the noise is assumed to be
+    isotropic, equal for all samples and equal for both bodies. The size of the noise is estimated from the data.
+    Poses that are not finite count as missing.
 
-    A motion does not determine the position of the hinge point along the axis, the sign of n, and the zero of psi.
-    These are fixed by rules:
+    The motion determines neither the position of the hinge point along the axis, nor the sign of n, nor the zero of
+    psi. Rules fix these three:
 
     - `gauge` selects the position of the hinge point along the axis.
-    - The sign of n, and with it the sign of psi, is such that a component of n is positive: the first one whose
+    - The sign of n, and with it the sign of psi, makes one component of n positive: the first component whose
       magnitude is at least 0.45 times the largest magnitude.
-    - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the least angle that turns the
-      hinge axis as body 2 has it (its components in body 2's axes) into n (its components in body 1's axes). If these
-      are more than 154 degrees apart, `home` is a half turn about a coordinate axis of body 2, followed by the
-      rotation by the least angle that turns the hinge axis after the half turn into n. The axis of the half turn is
-      x, y or z of body 2: the first of these letters for which the component of n is below 0.65 in magnitude.
+    - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
+      body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
+      degrees apart, `home` consists of two rotations: first a half turn about an axis of body 2, then the rotation by
+      the smallest angle that turns the result into n. The half turn is about the first of the axes x, y and z
+      along which the component of n is below 0.65 in magnitude.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
-        body2: BodyMotion of body 2 at the same instants, with R and S. If it has only R, it is a point without
-            attitude that moves on a circle about the axis. Then home is the identity, and psi is 0 where the
-            direction from the axis to the point is that of a coordinate axis of body 1, projected onto the plane
-            perpendicular to n. This is the first of x, y and z along which the component of n is below 0.65 in
-            magnitude.
+        body2: BodyMotion of body 2 at the same instants, with R and S. If it has only R, body 2 is a point without
+            attitude that moves on a circle about the axis. Then `home` is the identity. At psi = 0, the
+            perpendicular from the axis to the point is parallel to the projection of a coordinate axis of body 1
+            onto the plane perpendicular to n. This coordinate axis is the first of x, y and z along which the
+            component of n is below 0.65 in magnitude.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
             "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole.
             With such a loss, the first estimate is the hinge with which most samples agree, and samples that deviate
-            by more than thirty standard deviations are ignored. Outliers affect "cauchy" and "arctan" least.
+            by more than thirty standard deviations are ignored. With "cauchy" and "arctan", outliers have the least
+            influence.
         gauge: "closest_to_R1" (the hinge point is the point of the axis closest to R1; u1 is perpendicular to n) or
             "closest_to_R2" (the same for R2 and u2).
         t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If given,
-            the offset between the clocks of both recordings is estimated as well, as far as the motion determines it.
-            This needs SciPy.
+            the offset between the clocks of the two recordings is estimated too; it is 0 if the motion does not
+            determine it. This needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
-        clock_offset: known delay of the recording of body 2 [s], as `HingeFit.clock_offset` defines it; 0 if both
-            recordings have one clock. If it is given, it is not estimated. It needs `t`.
-        encoder: readings of a sensor of the hinge angle at the instants of body 1, shape (N,); NaN where a reading is
-            missing. Zero, scale and noise of the encoder are estimated, and psi is found from the poses and the
-            readings. Readings cannot be combined with a body 2 that is a point.
-        noise1: pair of the standard deviations of the positions [m] and attitudes [rad] of body 1, each a number or
-            of shape (N,), such as those of `smooth`. A common factor on all of them is still estimated from the data.
-        noise2: the same pair for body 2. Give noise1 and noise2 both or neither, and neither if body 2 is a point.
+        clock_offset: known delay of the recording of body 2 [s]: a sample of body 2 with the time stamp s was taken
+            at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use the same clock. If it is
+            given, it is not estimated. It needs `t`.
+        encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
+            reading is missing. The zero, the scale and the noise of the sensor are estimated, and psi is found from
+            the poses and the readings. Readings cannot be used if body 2 is a point.
+        noise1: pair (position, attitude) of standard deviations of the noise of body 1 [m, rad], each a number or an
+            array (N,). A common factor on all standard deviations is still estimated from the data.
+        noise2: the same pair for body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
 
     Returns:
-        The fit. Check `.ok` and `.findings` before its numbers are used.
+        The fit, with the hinge as `.pair` and the hinge angle as `.psi`. Check `.ok` and `.findings` before you use
+        its numbers.
 
     Raises:
         FitError: the samples do not determine a hinge: fewer than two have both poses (fewer than four if body 2 is

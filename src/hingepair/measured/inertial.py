@@ -61,18 +61,19 @@ _MIN_POINT_SIGNAL_TO_NOISE = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AxisFit:
-    """The result of `fit_axis`: the hinge axis in the axes of each body, the biases of both gyroscopes, standard
+    """The result of `fit_axis`: the hinge axis in each body's own axes, the biases of both gyroscopes, standard
     deviations, the rms residual, whether the axis is reliable (`ok`), and findings.
 
     Attributes:
-        n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the `n` of a HingePair.
-        n2: the same axis in body 2's axes, unit vector; shape (3,). A HingePair has n2 = home^T n1.
-        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). They are inf where the motion
-            does not determine the axis.
-        bias1: bias of gyroscope 1, as far as the motion determines it [rad/s]; shape (3,).
-        bias2: bias of gyroscope 2 [rad/s]; shape (3,).
-        bias_std: standard deviations of both biases [rad/s]; shape (2, 3).
-        rms: rms over the samples of the residuals abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
+        n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the argument `n` of a HingePair.
+        n2: hinge axis in body 2's axes, unit vector; shape (3,). In a HingePair, n2 = home^T n1.
+        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). An entry is inf if the motion does
+            not determine that direction.
+        bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,). Its estimate stays near 0 in directions that
+            the motion does not determine.
+        bias2: bias of gyroscope 2 in body 2's axes [rad/s]; shape (3,).
+        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [rad/s]; shape (2, 3).
+        rms: root mean square of the residuals abs(omega1 x n1) - abs(omega2 x n2) of all samples [rad/s].
         ok: whether the bodies turn about one common axis and the motion determines it.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
@@ -90,22 +91,24 @@ class AxisFit:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AnchorFit:
-    """The result of `fit_anchor`: the hinge point relative to each of two inertial sensors with its covariance, the
-    biases of both accelerometers with standard deviations, the rms residual, whether the point is reliable (`ok`),
-    and findings.
+    """The result of `fit_anchor`: the vectors from each of two inertial sensors to the hinge point with their
+    covariance, the biases of both accelerometers with standard deviations, the rms residual, whether the point is
+    reliable (`ok`), and findings.
 
     Attributes:
-        u1: hinge point from sensor 1, body 1's axes [m]; (3,).
-        u2: hinge point from sensor 2, body 2's axes [m]; (3,).
-        covariance: covariance matrix of (u1, u2) [m^2]; shape (6, 6). A variance is inf where the motion does not
-            determine the component. The position of the hinge point along the axis is set by a convention, and the
-            matrix contains no uncertainty of it. If n1 and n2 were given to `fit_anchor`, they are taken as exact.
-        bias1: bias of accelerometer 1, as far as the motion determines it [m/s^2]; shape (3,).
-        bias2: bias of accelerometer 2 [m/s^2]; shape (3,).
-        bias_std: standard deviations of both biases [m/s^2]; shape (2, 3).
-        rms: rms over the samples of the difference between the magnitudes of the specific force at the hinge point,
-            computed from sensor 1 and from sensor 2 [m/s^2].
-        ok: whether a point that is fixed in both bodies exists and the motion determines it.
+        u1: vector from sensor 1 to the hinge point, in body 1's axes [m]; shape (3,).
+        u2: vector from sensor 2 to the hinge point, in body 2's axes [m]; shape (3,).
+        covariance: covariance matrix of the six components of u1 and u2 [m^2]; shape (6, 6). A variance is inf if the
+            motion does not determine the component. A convention of `fit_anchor` sets the position of the hinge point
+            along the axis, which therefore has no uncertainty in this matrix. If n1 and n2 were given to
+            `fit_anchor`, they count as exact.
+        bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,). Its estimate stays near 0 in directions
+            that the motion does not determine.
+        bias2: bias of accelerometer 2 in body 2's axes [m/s^2]; shape (3,).
+        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3).
+        rms: root mean square of the residuals of all samples [m/s^2]. A residual is the difference between two values
+            of the magnitude of the specific force at the hinge point: one computed from sensor 1, one from sensor 2.
+        ok: whether a point exists that is fixed in both bodies, and the motion determines it.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 
@@ -122,21 +125,21 @@ class AnchorFit:
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
     """Fit the hinge axis to the angular velocities `omega1_b1` and `omega2_b2` (N, 3) that two gyroscopes record, one
-    on each body, each in its body's axes. Return an AxisFit. `gyroscope_bias` is the expected size of the biases
-    [rad/s]. Raise FitError if there are too few samples or neither body turns.
+    on each body, each in its body's axes [rad/s]. Return an AxisFit. `gyroscope_bias` is the expected size of the
+    biases [rad/s]. Raise FitError if there are too few samples or neither body turns.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where a sample
-            is missing. Samples must be in the order of time and equally spaced: the sign of n2 relative to n1 is
-            found from how the motion goes on from sample to sample.
+            is missing. Samples must be in the order of time and equally spaced, because the sign of n2 relative to n1
+            is found from the changes between successive samples.
         omega2_b2: angular velocity of body 2 in body 2's axes at the same instants [rad/s]; shape (N, 3).
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
 
     Returns:
-        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). If both axes are reversed,
-        they describe the same hinge. The sign is chosen such that a component of n1 is positive: the first one whose
-        magnitude is at least 0.45 times the largest magnitude.
+        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). As -n1 and -n2 describe the same
+        hinge, a rule fixes the sign: the first component of n1 whose magnitude is at least 0.45 times the largest
+        magnitude is positive.
 
     Raises:
         FitError: there are fewer than 8 samples, or neither body turns.
@@ -239,14 +242,14 @@ def fit_anchor(
     accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
     """Fit the hinge point to the records of two inertial sensors, one on each body, and return an AnchorFit. Each
-    sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`, `f2_b2`). The angular
-    velocities are smoothed first, across gaps of up to `gaps` seconds too. If the hinge axes n1 and n2 are given, the
-    result is the point of the axis that is closest to sensor 1. Raise FitError if there are too few samples or
-    neither body turns.
+    sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`, `f2_b2`). If the
+    hinge axis is given in the axes of both bodies (n1, n2), the result is its point closest to sensor 1. `gaps` is
+    the longest time without samples across which angular velocities are smoothed [s]. Raise FitError if there are
+    too few samples or neither body turns.
 
-    The angular velocities are smoothed and differentiated as by `smooth`. The specific forces are used as recorded.
-    Each of the four records may have NaN where a sample is missing. Only the instants at which all four are finite
-    are used.
+    The angular velocities are smoothed and differentiated with the method of `smooth`. The specific forces are used
+    as recorded. Each of the four records may have NaN where a sample is missing. An instant is used only if all four
+    records are finite there.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
@@ -255,20 +258,20 @@ def fit_anchor(
             [m/s^2]; shape (N, 3).
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
-        n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). n1 and n2 are given both or neither. If
-            they are given, the hinge point is the point of the axis that is closest to sensor 1; otherwise it is
-            the point of the axis that is closest to both sensors.
+        n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). Give both n1 and n2 or neither. If they
+            are given, the hinge point is the point of the axis that is closest to sensor 1. Otherwise it is the
+            point of the axis at which the sum of the squared distances to both sensors is smallest.
         n2: hinge axis in body 2's axes; shape (3,).
         gaps: longest time without a sample across which the angular velocities are smoothed as one piece [s]. A value
             below 1.5 times the median time step counts as 1.5 times the median time step.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
-            0 if the biases that `fit_axis` found were subtracted from the data.
+            0 if the biases were subtracted from the data, for example those that `fit_axis` estimates.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
             [m/s^2].
 
     Returns:
-        The fit: the vectors from sensor 1 to the hinge point in body 1's axes (`u1`) and from sensor 2 to the hinge
-        point in body 2's axes (`u2`) [m].
+        The fit. Its `u1` is the vector from sensor 1 to the hinge point in body 1's axes [m], and its `u2` is the
+        vector from sensor 2 to the hinge point in body 2's axes [m].
 
     Raises:
         FitError: there are fewer than 8 consecutive samples without a gap, or neither body turns.

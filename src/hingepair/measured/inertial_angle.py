@@ -36,20 +36,22 @@ _UNKNOWN_ANGLE_STD = 1e6  # [rad], of an angle, or a change over a gap, that not
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AngleFit:
-    """The result of `fit_angle`: the hinge angle from inertial sensors and its rate, both over time, the drift of the
-    measured rate, standard deviations, whether the angle is reliable (`ok`), and findings.
+    """The result of `fit_angle`: the hinge angle and its rate at every instant, the drift of the measured rate,
+    standard deviations, whether the angle is reliable (`ok`), and findings.
 
     Attributes:
         psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
-            missing. At psi = 0 the attitude of body 2 relative to body 1 is the rotation by the least angle that
-            turns n2 into n1, where n1 and n2 are the hinge axis in the axes of body 1 and of body 2. If these are
-            more than 154 degrees apart, a half turn comes first, as in the rule of `fit` for `home`.
-        psid: measured rate of psi, from which `drift` is subtracted [rad/s]; shape (N,).
+            missing. At psi = 0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that
+            turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1 and n2 are more than 154 degrees
+            apart, a half turn comes first, as in the rule of `fit` for `home`.
+        psid: rate of psi [rad/s]; shape (N,). It is the measured rate minus `drift`.
         std: standard deviation of psi [rad]; shape (N,).
-        drift: bias of the measured rate of psi [rad/s]. Integrated, it would make psi drift.
+        drift: constant bias of the measured rate of psi [rad/s]. Without its subtraction, the integral of the
+            measured rate would drift.
         drift_std: standard deviation of `drift` [rad/s].
-        noise: median standard deviation [rad] of the angles that single samples of a vector in both bodies' axes
-            (specific force or angular velocity) show.
+        noise: standard deviation of an angle computed from a single sample [rad], the median over all samples. Such
+            an angle is the angle between the directions of one vector (the specific force or the angular velocity)
+            in body 1's axes and in body 2's axes.
         ok: whether the measured vectors determine the angle.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
@@ -80,17 +82,19 @@ def fit_angle(
 ) -> AngleFit:
     """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge, and return an
     AngleFit. Each sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`,
-    `f2_b2`). n1 and n2 are the hinge axis, u1 and u2 the levers to the hinge point (see `fit_axis` and `fit_anchor`).
-    `gaps` is the longest time without samples over which rates are integrated [s]. Raise FitError if there are too
-    few samples.
+    `f2_b2`). n1 and n2 are the hinge axis in the axes of body 1 and body 2, u1 and u2 the vectors from the sensors to
+    the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without samples over which
+    rates are integrated [s]. Raise FitError if there are too few samples.
 
-    Both sensors measure two vectors in the axes of their bodies: the specific force at the hinge point, and the part
-    of the angular velocity that is perpendicular to the axis. The directions of such a vector in the axes of both
-    bodies show the angle. The integrated difference of the angular velocities connects the angles over time.
+    Two vectors are known from both sensors, each in the axes of its own body: the specific force at the hinge point,
+    and the part of the angular velocity that is perpendicular to the hinge axis. The hinge angle at an instant
+    follows from the directions of such a vector in the axes of both bodies. The hinge rate is the difference of the
+    angular velocities along the axis; its integral connects the angles of different instants. Each of the four
+    records may have NaN where a sample is missing. An instant is used only if all four records are finite there.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
-        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3), NaN where a sample is missing.
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
         f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
             [m/s^2]; shape (N, 3).
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
@@ -104,10 +108,13 @@ def fit_angle(
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
-            [m/s^2]. Their effect on psi is part of `std`.
+            [m/s^2]. The standard deviation `std` of psi includes the effect of these biases.
+
+    Returns:
+        The fit, with the hinge angle as `.psi`. Check `.ok` and `.findings` before you use its numbers.
 
     Raises:
-        FitError: there are fewer than 8 consecutive samples without a gap at which both sensors have a value.
+        FitError: there are fewer than 8 consecutive samples without a gap.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """

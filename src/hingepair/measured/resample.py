@@ -32,28 +32,31 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate `values`, arrays or a BodyMotion recorded at instants t, at the instants `to`; return numbers or a
-    BodyMotion. The result is NaN outside the recording, and between samples that are more than `gaps` seconds apart.
-    Warn of wrapped angles, and of instants that are probably not in seconds.
+    """Interpolate `values`, an array or a BodyMotion recorded at instants t, at the instants `to`. Return an array or
+    a BodyMotion, as `values` is. The result is NaN outside the recording, and between samples that are more than
+    `gaps` seconds apart. Issue a MeasurementWarning for wrapped angles and for instants that are probably not in
+    seconds.
 
-    Between samples, the cubic polynomial through the four nearest samples is evaluated, with an error of order h^4 in
-    the time step h. Attitudes are interpolated as rotation vectors relative to the sample before. At an instant of
-    the recording the sample itself is returned. Samples that are not finite are skipped. Nothing is extrapolated.
-    Angles must have no jumps of 2 pi (`numpy.unwrap` removes them). Give attitudes as a BodyMotion. An array
-    (N, ..., 4) is taken for quaternions if all norms along its last axis are within 0.01 of 1. It is interpolated as
-    plain numbers, and an ArgumentError is raised if the sign of a quaternion changes.
+    The interpolant is the cubic polynomial through the four nearest samples; its error is of order h^4 for a time
+    step h. Attitudes are interpolated as rotation vectors relative to a neighbouring sample. At an instant of the
+    recording, the result is the sample itself. Samples that are not finite are skipped. Nothing is extrapolated.
+    Angles must have no jumps of 2 pi (`numpy.unwrap` removes them).
+
+    Attitudes should be given as a BodyMotion, since the elements of an array are interpolated one by one. If `values`
+    is an array (N, ..., 4) whose norms along the last axis are all within 0.01 of 1, it is assumed to hold
+    quaternions. An ArgumentError is then raised if the sign of a quaternion changes from one sample to the next.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
         to: the new instants, on the same clock and in the same form as t; shape (M,).
-        gaps: longest time without a sample that is interpolated across [s]. A value below 1.5 times the median time
-            step counts as 1.5 times the median time step.
+        gaps: longest time between two samples across which values are interpolated [s]. A value below 1.5 times the
+            median time step counts as 1.5 times the median time step.
 
     Returns:
-        float64 numbers, shape (M, ...), or a BodyMotion of shape (M,). They are NaN before the first sample, after
-        the last one and in gaps.
+        A float64 array of shape (M, ...), or a BodyMotion of shape (M,). It is NaN before the first sample, after the
+        last sample and in gaps.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go

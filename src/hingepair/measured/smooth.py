@@ -47,18 +47,22 @@ _MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned o
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """The result of `smooth` for a body, which makes it: the smooth motion R, v, a, S, omega and alpha of a
-    BodyMotion, NaN in gaps, with standard deviations, the bandwidth, and the correlation of the noise.
+    """The result of `smooth` for a body: a BodyMotion with the smooth R, v, a, S, omega and alpha, NaN in gaps. It
+    also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
+    constructor.
 
     Attributes:
-        noise: dict with the keys R, v, a, S, omega and alpha: the standard deviation of one component. For R and S it
-            is the noise of the recorded samples [m, rad]. For the derivatives it is the error that this noise causes
-            away from ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the
-            errors of derivatives are ten to twenty times larger.
-        std: dict with the same keys: the standard deviation of each component of the smoothed motion at every sample,
-            with the effect of ends and gaps; shape (N, 3) each. For S it is that of a rotation vector [rad].
-        bandwidth: dict with the keys R and S: the frequency [Hz] at which the smoothing halves the amplitude.
-        correlation: dict with the keys R and S: the estimated correlation of the noise of neighbouring samples.
+        noise: dict with the keys R, v, a, S, omega and alpha, each with one number: the standard deviation of one
+            component. For R and S, it is the standard deviation of the noise of the recorded samples [m, rad]. For
+            the derivatives, it is the standard deviation of the error that this noise causes in v, a, omega and alpha
+            far from ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the
+            errors of the derivatives are ten to twenty times larger.
+        std: dict with the keys of `noise`, each with an array (N, 3): the standard deviation of each component of the
+            smoothed motion at every sample, including the effect of ends and gaps. For S, the components are the
+            three components of a small rotation vector [rad].
+        bandwidth: dict with the keys R and S, each with the frequency at which smoothing halves the amplitude [Hz].
+        correlation: dict with the keys R and S, each with the estimated correlation coefficient between the noise of
+            neighbouring samples.
         t: time since the first instant [s]; shape (N,).
     """
 
@@ -90,21 +94,22 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """The result of `smooth` for an angle: the smooth angle with two derivatives, NaN in gaps, standard deviations,
-    the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks the angle and its
-    derivatives.
+    """The result of `smooth` for an angle: the smooth angle with its first and second time derivatives, NaN in gaps,
+    standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks the
+    angle and its derivatives.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
         psid: time derivative of psi [rad/s]; shape (N,).
         psidd: second time derivative of psi [rad/s^2]; shape (N,).
-        noise: dict with the keys psi, psid and psidd: a standard deviation. For psi it is the noise of the recorded
-            samples [rad]. For the derivatives it is the error that this noise causes away from ends and gaps; within
-            1 / bandwidth seconds of an end or a gap, the error is ten to twenty times larger.
-        std: dict with the same keys: the standard deviation of the smoothed values at every sample, with the effect
-            of ends and gaps; shape (N,) each.
-        bandwidth: frequency at which the smoothing halves the amplitude [Hz].
-        correlation: estimated correlation of the noise of neighbouring samples.
+        noise: dict with the keys psi, psid and psidd, each with one number, a standard deviation. For psi, it is the
+            standard deviation of the noise of the recorded samples [rad]. For the derivatives, it is the standard
+            deviation of the error that this noise causes in them far from ends and gaps [rad/s, rad/s^2]. Within
+            1 / bandwidth seconds of an end or a gap, this error is ten to twenty times larger.
+        std: dict with the same keys, each with an array (N,): the standard deviation of the smoothed value at every
+            sample, including the effect of ends and gaps.
+        bandwidth: frequency at which smoothing halves the amplitude [Hz].
+        correlation: estimated correlation coefficient between the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).
     """
 
@@ -136,34 +141,36 @@ def smooth(
     gaps: float = 0.05,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
-    """Smooth `body`, the BodyMotion of a body or an angle (N,) recorded at instants t, and return a SmoothedMotion or
-    a SmoothedAngle with first and second time derivatives. `bandwidth` [Hz] is found by cross validation if it is
-    None; `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Warn of
-    noise, outliers, filtered samples and doubtful units.
+    """Smooth `body`, a BodyMotion or an angle (N,) recorded at instants t, and return a SmoothedMotion or a
+    SmoothedAngle with first and second time derivatives. `bandwidth` [Hz] is found by cross validation if it is None.
+    `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Issue a
+    MeasurementWarning for large noise, outliers, filtered samples and doubtful units.
 
     The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
-    bandwidth is given, generalised cross validation chooses it. The noise may be white, or correlated from sample to
-    sample. If the samples were filtered before, their noise cannot be told from motion, and a warning says so.
+    bandwidth is given, generalised cross validation chooses it. The noise may be white, or the noise of neighbouring
+    samples may be correlated. If the samples were filtered before, their noise cannot be distinguished from motion,
+    and a warning says so.
 
-    A time of more than `gaps` seconds without a sample is a gap: results are NaN in it, and nothing is differentiated
-    across it. Shorter times without a sample are filled.
+    A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and nothing is
+    differentiated across it. Shorter times without a sample are filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970;
             shape (N,).
         body: BodyMotion with R and S at these instants (its velocities and accelerations are not used); or angles
-            [rad], shape (N,). Angles within one turn that jump by nearly 2 pi are unwrapped. Samples that were not
+            [rad], shape (N,). Wrapped angles, which jump by nearly 2 pi, are unwrapped. Samples that were not
             recorded are NaN.
-        bandwidth: frequency at which the amplitude is halved [Hz]; much lower frequencies pass, much higher ones are
-            removed. By default it is chosen from the data.
+        bandwidth: frequency at which smoothing halves the amplitude [Hz]; much lower frequencies pass, much higher
+            frequencies are removed. By default it is chosen from the data.
         gaps: longest time without a sample that is filled [s]. A value below 1.5 times the median time step
             counts as 1.5 times the median time step.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers, as for `fit`:
             "soft_l1", "huber", "cauchy" or "arctan".
 
     Returns:
-        For a body a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles a SmoothedAngle,
-        which unpacks as psi, psid, psidd. Both have `.std` and `.noise` (standard deviations) and `.bandwidth`.
+        For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
+        SmoothedAngle, which unpacks as psi, psid, psidd. Both have the standard deviations `.std` of the result at
+        every sample and `.noise` of the recorded samples, and the frequency `.bandwidth`.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
@@ -171,9 +178,9 @@ def smooth(
         MissingDependencyError: SciPy is not installed.
 
     Warns:
-        MeasurementWarning: noise is more than half of a derivative; samples seem to have been filtered before; some
-            samples are outliers; the time steps scatter; or instants are probably not in seconds, angles not in
-            radians.
+        MeasurementWarning: the error of a derivative, caused by noise, is more than half of the derivative's rms; the
+            samples seem to have been filtered before; some samples are outliers; the time steps are irregular;
+            instants are probably not in seconds; or angles are probably not in radians.
 
     >>> import numpy as np
     >>> import hingepair as hp

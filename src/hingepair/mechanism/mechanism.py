@@ -40,7 +40,7 @@ _JOINT_TABLE_HEADINGS = (
 class Mechanism(MechanismMethods):
     """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
 
-    A body is a group of links that fixed or locked joints hold together. The coordinates q are in the order of
+    A body consists of links that fixed or locked joints connect rigidly. The coordinates q are in the order of
     `names`: depth-first, siblings sorted by the joint's name, as in Pinocchio. They are in rad for hinges and in m
     for sliders. Each of the arguments q, qd, qdd and tau of the methods is one of:
 
@@ -98,25 +98,25 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from a URDF file or from URDF text, and return it as a Mechanism. `base` is "fixed" or "free",
-        and joints in `locked`, a dict of positions by name, are held. Angles (rpy) of origins within `snap` [rad] of
-        a multiple of pi/2 are taken as that multiple. Warn if a joint is locked beyond its limits, or if the leader
-        of a mimic joint does not exist.
+        """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
+        `locked` is a dict of positions by joint name; these joints are held at these positions. An rpy angle of an
+        <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple. Issue a DynamicsWarning if a
+        joint is locked beyond its limits, or if the joint that a mimic joint follows does not exist.
 
         Revolute and continuous joints become hinges, prismatic joints sliders. Links connected by fixed joints become
-        one body with their combined mass and inertia. A mimic joint has no coordinate: it follows its leader. Masses
-        and inertias are used as they are written, even if no rigid body can have them; a `DynamicsWarning` names such
-        bodies at the first computation with masses.
+        one body with their combined mass and inertia. A mimic joint has no coordinate of its own: its position is
+        computed from the joint that it follows. Masses and inertias are used as they are written, even if no rigid
+        body can have them; a `DynamicsWarning` names such bodies at the first computation that uses masses.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<").
             base: "fixed" (default) or "free"; the base is the root link.
-            locked: positions [rad or m] at which joints are held, by the joint's name, such as
+            locked: positions [rad or m] at which joints are held, as a dict by joint name, such as
                 {"panda_finger_joint1": 0.02}; mimic joints that follow them are held too. A position beyond the
                 joint's limits is used, with a `DynamicsWarning`.
-            snap: tolerance [rad], such as 1e-5. An angle of an origin (rpy) that differs from a multiple of pi/2 by
-                at most this is taken as exactly that multiple: its sine and cosine are exactly 0, 1 or -1. By
-                default, only the double nearest to a multiple of pi/2 is treated in this way.
+            snap: tolerance [rad], such as 1e-5. If an rpy angle of an <origin> differs from a multiple of pi/2 by at
+                most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1 or -1. By
+                default, this is done only for the floating-point number nearest to a multiple of pi/2.
 
         Raises:
             URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or
@@ -135,17 +135,16 @@ class Mechanism(MechanismMethods):
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
         """Return the robot of a Pinocchio model as a Mechanism, for example one that Pinocchio has read from MJCF.
-        `base` is "fixed", "free" or None (as in the model); joints in `locked`, a dict of positions by name, are
-        held. Warn if the model's gravity differs from the default of the methods, and of joints that are locked
-        beyond their limits.
+        `base` is "fixed", "free" or None (as in the model). `locked` is a dict of positions by joint name; these
+        joints are held at these positions. Issue a DynamicsWarning if a joint is locked beyond its limits, or if the
+        model's gravity is not (0, 0, -9.81), the default of the methods.
 
-        The inertias of the motors' rotors (`model.armature`) are counted in forces, the mass matrix, forward dynamics
-        and kinetic energy, as in Pinocchio. One exception: for a joint whose axis is not a coordinate axis,
-        Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair does not. `rotorInertia` and `rotorGearRatio`
-        are counted only as far as `armature` contains them. Position limits and the upper limits of effort and
-        velocity are taken over. Damping, dry friction, lower limits of effort and velocity, reference configurations
-        and margins of limits are ignored. Gravity is an argument of the methods; a `DynamicsWarning` reports a model
-        whose gravity differs from their default.
+        The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
+        dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
+        coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. The attributes
+        `rotorInertia` and `rotorGearRatio` of the model are not read. Position limits and the upper limits of effort
+        and velocity are copied. Damping, dry friction, lower limits of effort and velocity, reference configurations
+        and margins of limits are ignored. The model's gravity is not copied: gravity is an argument of the methods.
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
@@ -153,11 +152,11 @@ class Mechanism(MechanismMethods):
                 Pinocchio's q and the robot's q are the same. For a continuous joint, Pinocchio's q holds the cosine
                 and the sine of the angle, the robot's q the angle.
             base: "fixed" or "free"; unless given, "free" if the model has a free-flyer, else "fixed".
-            locked: as for `from_urdf`.
+            locked: positions [rad or m] at which joints are held, as a dict by joint name, as for `from_urdf`.
 
         Raises:
-            ArgumentError: a joint is of another kind or not in depth-first order; or its armature is negative or not
-                finite; or the free-flyer has an armature. The message names the joint.
+            ArgumentError: a joint is of a kind not listed here or is not in depth-first order; its armature is
+                negative or not finite; or the free-flyer has an armature. The message names the joint.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -180,22 +179,22 @@ class Mechanism(MechanismMethods):
 
     @property
     def dof(self) -> int:
-        """Number of coordinates (degrees of freedom of the joints), without those of a free base."""
+        """Number of coordinates q of the joints. The six degrees of freedom of a free base are not counted."""
         return len(self.tree.coordinates)
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links, as a tuple; the base is first, and each link is after the link that carries it."""
+        """Names of the links, as a tuple; the base is first, and each link comes after the link that carries it."""
         return tuple(self.tree.links)
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """Names of the last links of all branches, as a tuple; the default frames of `forward_kinematics`."""
+        """Names of the last link of each branch, as a tuple; the default `frames` of `forward_kinematics`."""
         return self.tree.tips
 
     @property
     def position_limits(self) -> Float64Array:
-        """Lower and upper limits of q [rad or m], -inf and inf for joints without limits; shape (dof, 2)."""
+        """Lower (first column) and upper limits of q [rad or m], -inf and inf without limits; shape (dof, 2)."""
         return self._limits("position_limits", 2)
 
     @property
@@ -205,16 +204,16 @@ class Mechanism(MechanismMethods):
 
     @property
     def effort_limits(self) -> Float64Array:
-        """Largest torques [N m] and forces [N] of the motors, inf for joints without a limit; shape (dof,)."""
+        """Largest motor torques (hinges) [N m] and forces (sliders) [N], inf without a limit; shape (dof,)."""
         return self._limits("effort_limit")
 
     @property
     def armature(self) -> Float64Array:
         """Inertias of the motors' rotors, which are added to the diagonal of the mass matrix; shape (dof,).
 
-        The unit is kg m^2 for hinges and kg for sliders. Each is the inertia of the rotor times the square of the
-        gear ratio. The rotor of a mimic joint adds this inertia times the square of the mimic multiplier to the
-        coordinate of the joint that the mimic joint follows. Only robots from Pinocchio models (`from_pinocchio`)
+        The unit is kg m^2 for hinges and kg for sliders. Each value is the inertia of the rotor times the square of
+        the gear ratio. A mimic joint adds its own value, times the square of the mimic multiplier, to the value of
+        the joint that it follows. Only robots from Pinocchio models (`from_pinocchio`)
         have such inertias; for all others they are 0.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
@@ -252,12 +251,12 @@ class Mechanism(MechanismMethods):
     # ---- extended copies
 
     def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return a copy of the robot with a further Body that is fixed to the link, joint or frame named `link`. The
-        robot itself is not changed.
+        """Return a copy of the robot, a Mechanism, with an additional Body that is fixed to the link, joint or frame
+        named `link`. The robot itself is not changed.
 
         Args:
-            link: name of the link, joint or other frame to which the body is fixed. The origin and axes of this frame
-                are the body's reference point and axes.
+            link: name of the link, joint or other frame to which the body is fixed. The body's reference point is
+                the origin of this frame, and the body's axes are the axes of this frame.
             body: mass properties and shapes of the body.
 
         Raises:
@@ -274,16 +273,17 @@ class Mechanism(MechanismMethods):
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return a copy of the robot with a further frame called `name`, for example the frame of a tool. It is fixed
-        to the link or frame named `link`, at position R [m] and rotation S (3, 3), identity unless given. The robot
-        itself is not changed.
+        """Return a copy of the robot, a Mechanism, with an additional frame called `name`, such as a tool frame. It
+        is fixed to the link, joint or frame named `link`. R [m] and S (3, 3) are its position and rotation in that
+        frame; S is the identity unless given. The robot itself is not changed.
 
         Args:
-            name: name of the new frame, which no link, joint or frame has yet.
+            name: name of the new frame; no link, joint or frame may have it already.
             link: name of the link, the joint or the other frame to which the new frame is fixed.
             R: position of the new frame's origin from the origin of `link`, in the axes of `link` [m]; shape (3,);
                 zero unless given.
-            S: rotation from the axes of the new frame to those of `link`; identity unless given; shape (3, 3).
+            S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3); the identity unless
+                given.
 
         Raises:
             ArgumentError: the robot has no frame `link`, the name is already in use, or R or S cannot be used.

@@ -212,13 +212,14 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of the acceleration of the frame named `frame` that velocities cause, an array (..., 6):
-        bias in (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias.
-        `base_motion` is a BodyMotion or None. The array `out` is written in place.
+        """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). It is `bias` in
+        (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and a1 and
+        alpha1 are zero too. `base_motion` is a BodyMotion or None. The array `out` is written in place.
 
-        J is the result of `jacobian`; a is the classical acceleration of the frame's origin, and all vectors are in
-        world axes. If the base is "fixed", the bias also holds the velocities and accelerations of `base_motion`.
-        `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+        J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin, alpha is
+        the angular acceleration, and both are in world axes. If the base is "fixed", the bias includes the effect of
+        the velocities and accelerations of `base_motion`. `qd` are the time derivatives of q; the other arguments are
+        those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -474,17 +475,18 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof): bias_forces in tau =
-        mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). The array `out` is written in
-        place. `base_motion` is None or a BodyMotion. At the robot's first computation with masses, warn of masses and
-        inertias that were not given or that no rigid body can have.
+        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof). They are the term
+        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). The
+        array `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first computation that
+        uses masses, issue a DynamicsWarning if masses or inertias are missing or impossible.
 
         Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
-        Coriolis, centrifugal and gravity terms. For a free base, they are (force1, torque1, tau): force on the base
-        at R1 and torque about R1 in world axes, then the forces of the joints. Of `base_motion`, only S and omega are
-        used. If the base is "fixed", which means that it rests or moves as `base_motion` prescribes, a and alpha are
-        used too. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,); `qd` are the time
-        derivatives of q; the other arguments are those of `jacobian`.
+        Coriolis, centrifugal and gravity terms. For a free base, they are (force1, torque1, tau): the force on the
+        base at its origin R1 and the torque about R1 in world axes, then the torques and forces of the joints. For a
+        free base, only S and omega of `base_motion` are used. A "fixed" base rests or moves as `base_motion`
+        prescribes; a and alpha of `base_motion` are then used too. `gravity` is the
+        acceleration of free fall, world axes [m/s^2], shape (3,); `qd` are the time derivatives of q; the other
+        arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -534,9 +536,9 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
-        "fixed" base is not counted. The array `out` is written in place. `base_motion` is None or a BodyMotion. At
-        the robot's first computation with masses, warn of masses and inertias that were not given or that no rigid
-        body can have.
+        "fixed" base is not included. The array `out` is written in place. `base_motion` is None or a BodyMotion. At
+        the robot's first computation that uses masses, issue a DynamicsWarning if masses or inertias are missing or
+        impossible.
 
         The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
         body is `Body.center_of_mass`.
