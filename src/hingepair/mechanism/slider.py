@@ -37,8 +37,8 @@ class Slider(Frozen, Shown):
             shape (3, 3).
         name: name of the joint; "slider" unless given.
         limits: lower and upper limit of q [m]; shape (2,); None (default) for no limits.
-        body1: mass properties and shapes of body 1; None (default) if they are unknown.
-        body2: mass properties and shapes of body 2; None (default) if they are unknown.
+        body1: mass properties and shapes of body 1, a `Body`; None (default) if they are unknown.
+        body2: mass properties and shapes of body 2, a `Body`; None (default) if they are unknown.
         torque_limit: largest force of the slider's motor [N], which URDF calls effort; None (default) for no limit.
         rate_limit: largest rate [m/s]; None (default) for no limit.
 

@@ -17,12 +17,12 @@ from hingepair.pair.results import column_names, import_data_package
 
 # Docstrings of the outputs of motion, by name.
 _DOC_BY_MOTION_OUTPUT = {
-    "R": "Origin; (..., 3) m.",
-    "S": "Rotation, frame to world; (..., 3, 3).",
-    "d": "Origin from the base's reference point, unharmed by a large base position; (..., 3) m.",
-    "v": "Velocity of the origin; (..., 3) m/s.",
+    "R": "Position of the frame's origin; (..., 3) m.",
+    "S": "Rotation matrix from frame axes to world axes; (..., 3, 3).",
+    "d": "Vector from the base's R1 to R, accurate even if the base is far from the world's origin; (..., 3) m.",
+    "v": "Velocity of the frame's origin; (..., 3) m/s.",
     "omega": "Angular velocity; (..., 3) rad/s.",
-    "a": "Classical acceleration of the origin; (..., 3) m/s^2.",
+    "a": "Acceleration of the frame's origin, the second time derivative of R; (..., 3) m/s^2.",
     "alpha": "Angular acceleration; (..., 3) rad/s^2.",
 }
 FRAME_MOTION_OUTPUTS: Final = tuple(_DOC_BY_MOTION_OUTPUT)
@@ -32,8 +32,9 @@ _PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
 
 
 class FrameState(Results):
-    """Motion of one frame at every sample in world axes and SI units: pose R and S, displacement d of R from the
-    base's R1, velocities v and omega, accelerations a and alpha. Outputs that were not computed are None.
+    """Motion of one frame at every sample in world axes and SI units: position R of the origin, rotation matrix S
+    from frame axes to world axes, vector d from the base's R1 to R, velocities v and omega, and accelerations a and
+    alpha. Outputs that were not computed are None.
     """
 
     __slots__ = _DOC_BY_MOTION_OUTPUT

@@ -33,8 +33,8 @@ _MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT = (
 
 
 class DynamicsWarning(UserWarning):
-    """Warns that computed forces or motion may not be what was meant: a mass or an inertia is assumed, or a joint
-    passes its limits.
+    """Warns that computed forces or motion may be wrong: a mass or an inertia is assumed or impossible, a mass matrix
+    is singular, or a joint passes its limits.
     """
 
 

@@ -46,8 +46,9 @@ class HingePair(Shown):
 
     The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
     another u1. u1, u2, n and home may have leading axes, which broadcast against the axes of the samples; each sample
-    then has its own values. In all methods, the argument `body1` is the motion of body 1, a `BodyMotion`. All methods
-    raise an ArgumentError, which names the argument, if an argument cannot be used.
+    then has its own values. In the methods, the argument `body1` is the motion of body 1, a `BodyMotion`; the
+    attribute `body1`, a `Body`, holds mass properties. All methods raise an ArgumentError, which names the argument,
+    if an argument cannot be used.
 
     Args:
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
@@ -60,8 +61,8 @@ class HingePair(Shown):
         limits: smallest and largest hinge angle [rad], for exports; shape (2,). `forward_kinematics` accepts any
             angle, and `simulate` does not stop the hinge at the limits unless its `hinge_torque` has stops there:
             `HingeLoad(stops=pair.limits)`.
-        body1: mass properties and shapes of body 1, for dynamics, exports and pictures.
-        body2: mass properties and shapes of body 2.
+        body1: mass properties and shapes of body 1, a `Body`, for dynamics, exports and pictures.
+        body2: mass properties and shapes of body 2, a `Body`.
         torque_limit: largest torque of the hinge's motor [N m], for exports. URDF calls it effort.
         rate_limit: largest hinge rate [rad/s], for exports. URDF calls it velocity.
         constants: an internal argument that `dataclasses.replace` passes. With it, values that are not replaced stay
