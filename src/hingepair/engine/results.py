@@ -35,7 +35,7 @@ class Results(DaskCollection, Shown):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the leading axes of the arrays, which number the samples, as a tuple; () for one state."""
+        """Shape of the samples as a tuple, with which the shape of every output begins; () for one state."""
         return self._content[2]
 
     @property

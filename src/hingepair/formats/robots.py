@@ -40,7 +40,8 @@ def load_robot(
         snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`.
 
     Raises:
-        ArgumentError: there is no robot of this name, or there are several; or base, locked or snap cannot be used.
+        ArgumentError: there is no robot of this name, or there are several robots of this name; or base, locked or
+            snap cannot be used.
         URDFError: the URDF file of the robot cannot be read.
         MissingDependencyError: example-robot-data is not installed.
 

@@ -107,7 +107,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Shape of the leading axes of the arrays, which number the motions, as a tuple; () for one motion."""
+        """Shape of the motions as a tuple, with which the shapes of psi and the outputs begin; () for one motion."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 
