@@ -259,9 +259,9 @@ class HingePair(Shown):
 
         Returns:
             A `Prepared` object. A call takes the inputs in the order of `given`; they broadcast against each other.
-            It also takes `out=`, a dict of arrays by output name, into which the results are written. It returns a
-            `PairState`. Outputs that are not attributes of a PairState are read like items of a dict, such as
-            `state["gap"]`. The attributes `source` and `llvm` of the object are the generated Python code and the
+            The optional argument `out` is a dict of arrays by output name, into which the results are written. A call
+            returns a `PairState`. Outputs that are not attributes of a PairState are read like items of a dict, such
+            as `state["gap"]`. The attributes `source` and `llvm` of the object are the generated Python code and the
             generated LLVM code, as text.
 
         Raises:
@@ -820,7 +820,7 @@ class HingePair(Shown):
             The Sensitivities. Each derivative is an attribute in world axes: d_by_u1, shape (..., 3, 3), is the
             derivative of d with respect to u1, and element [..., i, j] the derivative of d[i] with respect to u1[j].
             Derivatives with respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi
-            has shape (..., 3, 3).
+            has shape (..., 3, 3). The page of `Sensitivities` lists all of them with their units.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -906,7 +906,8 @@ class HingePair(Shown):
             body2: the motion of body 2; only S is used.
 
         Returns:
-            The Jacobian G; shape (..., 5, 12). It multiplies velocities in world axes.
+            The Jacobian G; shape (..., 5, 12). Its first three rows give gap', its last two rows tilt'. It multiplies
+            velocities and angular velocities in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
