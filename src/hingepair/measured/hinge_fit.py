@@ -335,8 +335,10 @@ def fit(
         encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
             reading is missing. The zero, the scale and the noise of the sensor are estimated, and psi is found from
             the poses and the readings. Readings cannot be used if body 2 is a point.
-        noise1: pair (position, attitude) of standard deviations of the noise of body 1 [m, rad], each a number or an
-            array (N,). A common factor on all standard deviations is still estimated from the data.
+        noise1: pair of the standard deviations of the noise in one component of the position [m] and of the attitude
+            [rad] of body 1, each a number or an array (N,). Those that `smooth` estimates are
+            (smoothed.noise["R"], smoothed.noise["S"]). A common factor on all standard deviations is still estimated
+            from the data.
         noise2: the same pair for body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
 
     Returns:

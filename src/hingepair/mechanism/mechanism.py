@@ -40,24 +40,25 @@ _JOINT_TABLE_HEADINGS = (
 class Mechanism(MechanismMethods):
     """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
 
-    A body consists of links that fixed or locked joints connect rigidly. The coordinates q are in the order of
-    `names`: depth-first, siblings sorted by the joint's name, as in Pinocchio. They are in rad for hinges and in m
-    for sliders. Each of the arguments q, qd, qdd and tau of the methods is one of:
+    A body consists of links that fixed or locked joints connect rigidly. The coordinates q are in rad for hinges and
+    in m for sliders. Their order is the order of `names`: depth-first, with the joints that a link carries sorted by
+    name, as in Pinocchio. Each of the arguments q, qd, qdd and tau of the methods is one of:
 
     - an array of shape (..., dof);
     - a table (such as a DataFrame) whose columns have the joints' names;
-    - a dict with a number or an array for each joint; a number holds for every sample.
+    - a dict by joint name, with a number or an array (...) for each joint; a number holds for every sample.
 
-    The argument `base_motion` is the pose and the motion of the base. Without it, the base rests at the origin of the
-    world; if it holds only position and attitude, the base rests there. Vectors are in world axes, and accelerations
-    are classical (the second derivatives of positions).
+    The argument `base_motion` is a BodyMotion with the pose and the motion of the base. Without it, the base rests at
+    the origin of the world. If it has only a position and an attitude, the base rests in this pose. Vectors
+    are in world axes, and accelerations are classical (the second derivatives of positions).
 
     Args:
-        pairs: HingePairs and Sliders, each with the name of its joint, in the order of q. Body 2 of a pair is the
-            link that has the pair's name and the frame (R2, S2); body 1 of the first pair is the link "base". If two
-            pairs share a body, its mass properties are given in one of them, or with equal values in both.
-        parents: for each pair, the number of its body 1: 0 for the base, j (from 1 on) for body 2 of the j-th pair.
-            By default, body 1 of each pair is body 2 of the pair before it.
+        pairs: HingePairs and Sliders, one for each joint, in the order of q. The name of a pair is the name of the
+            joint. Body 2 of a pair is a link that also has the pair's name, with its frame at R2 and along the axes
+            S2. Body 1 of the first pair is the link "base". If two pairs share a body, give its mass properties in
+            one of them, or with equal values in both.
+        parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, 2 for body 2
+            of the second pair, and so on. By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
         name: name of the robot; "mechanism" unless given.
 
