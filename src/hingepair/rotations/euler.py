@@ -168,9 +168,9 @@ def _matrices_of_angles(
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Return the Euler-angle rates phi' = J^-1 omega (..., 3) [rad/s] for Euler angles phi and an angular velocity
-    omega in world axes (E4). At gimbal lock, raise GimbalLockError, or return least-squares rates if `at_lock` is
-    "least_squares".
+    """Return the time derivatives phi' = J^-1 omega (..., 3) [rad/s] of Euler angles phi for an angular velocity
+    omega in world axes (E4); `euler_rate_matrix` returns the matrix J. At gimbal lock, raise GimbalLockError, or
+    return least-squares rates if `at_lock` is "least_squares".
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).

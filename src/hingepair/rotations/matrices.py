@@ -257,9 +257,9 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) nearest to the matrices M, which are the orthogonal polar factors of
     M. If a matrix is not finite, its result is NaN. Raise RotationError if a determinant is not positive.
 
-    The error of every component is at most 6 u, where u = 2^-53, if the components of M are within 1e-2 of those of a
-    rotation. Otherwise the error grows with the ratio of the largest singular value of M to the sum of the two
-    smallest.
+    The error of every component is at most 6 u, where u = 2^-53, if every component of M differs by at most 1e-2 from
+    that component of a rotation matrix. Otherwise the error grows with the ratio of the largest singular value of M
+    to the sum of the two smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).

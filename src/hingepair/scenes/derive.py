@@ -47,19 +47,20 @@ def derive(
     written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal form with 17 digits
     is shorter.
 
-    A robot's base rests at the origin. Joints with parallel axes give sums of angles such as c_23 = cos(q_2 + q_3).
-    Sums that occur several times are named k_1, k_2. If a URDF file rounds right angles, such as 1.5708 for pi/2,
-    load the robot with `snap=1e-5`: angles within this tolerance [rad] of a multiple of pi/2 are taken as that
-    multiple.
+    The base of a robot rests at the origin. For joints with parallel axes, the forms contain sums of angles, such
+    as c_23 = cos(q_2 + q_3). Sums of terms that occur several times are named k_1, k_2 and so on. If a URDF file
+    rounds right angles, such as 1.5708 for pi/2, load the robot with `snap=1e-5`: an angle within this tolerance
+    [rad] of a multiple of pi/2 is then replaced by that multiple.
 
     Args:
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
-        symbolic: names of constants that stay symbols; none by default. For a pair: "u1", "u2" and "n" (symbols u1_x,
-            u1_y, u1_z and so on; n is assumed to have length 1). For a scene: these, and the names of its constants.
-            For a robot, only "u": the points of its joints (u_3x is the first component of the third joint's point,
-            in the axes of the body that carries the joint) and the origin of the frame (p_x, p_y, p_z).
-        frame: name of a link, a joint or another frame of a robot; by default its only link without
-            children. Required if several links have no children; not for a scene or a pair.
+        symbolic: names of constants that stay symbols; none by default. For a pair, "u1", "u2" and "n" are possible
+            (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of the scene's
+            constants are possible too. For a robot, only "u" is possible. It keeps as symbols the positions of the
+            joints (u_3x is the x component for the third joint, in the axes of the body that carries the joint) and
+            the position of the frame (p_x, p_y, p_z), in the axes of the body that carries the frame.
+        frame: name of a link, a joint or another frame of a robot; by default its only link without children. The
+            name is required if several links have no children. Only for a robot.
 
     Returns:
         For a scene or a pair, a Derivation: `.omega1`, `.R2` and so on are SymPy matrices in the symbol `.t`. For a

@@ -563,14 +563,15 @@ class SceneNotes:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a TOML scene file, and return a Scene (of a pair) or a MechanismScene (of a robot), which `evaluate()`
-    computes. docs/scenes.md describes the format. Raise a SceneError if the file cannot be read as a scene.
+    """Read a TOML scene file. Return a Scene if the file describes a pair, or a MechanismScene if it describes a
+    robot. Its method `evaluate()` computes the outputs. docs/scenes.md describes the format. Raise a SceneError if
+    the file cannot be read as a scene.
 
     Args:
-        path: path of the scene file. Paths in the file are relative to its folder.
+        path: path of the scene file. Relative paths in the file start from the folder of the file.
 
     Returns:
-        A Scene or a MechanismScene; `.evaluate()` computes the outputs at its instants.
+        A Scene or a MechanismScene. Its method `evaluate()` computes the outputs at the instants of the scene.
 
     Raises:
         SceneError: the file cannot be read as a scene. The message names the file, the table and the key in one line.
