@@ -333,8 +333,9 @@ def fit(
             at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use the same clock. If it is
             given, it is not estimated. It needs `t`.
         encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
-            reading is missing. The zero, the scale and the noise of the sensor are estimated, and psi is found from
-            the poses and the readings. Readings cannot be used if body 2 is a point.
+            reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
+            scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
+            Readings cannot be used if body 2 is a point.
         noise1: pair of the standard deviations of the noise in one component of the position [m] and of the attitude
             [rad] of body 1, each a number or an array (N,). Those that `smooth` estimates are
             (smoothed.noise["R"], smoothed.noise["S"]). A common factor on all standard deviations is still estimated

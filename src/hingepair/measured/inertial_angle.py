@@ -49,7 +49,7 @@ class AngleFit:
         drift: constant bias of the measured rate of psi [rad/s]. Without its subtraction, the integral of the
             measured rate would drift.
         drift_std: standard deviation of `drift` [rad/s].
-        noise: standard deviation of an angle computed from a single sample [rad], the median over all samples. Such
+        noise: standard deviation of an angle computed from a single sample [rad], the median over the samples. Such
             an angle is the angle between the directions of one vector (the specific force or the angular velocity)
             in body 1's axes and in body 2's axes.
         ok: whether the measured vectors determine the angle.
