@@ -329,9 +329,9 @@ def fit(
             the offset between the clocks of the two recordings is estimated too; it is 0 if the motion does not
             determine it. This needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
-        clock_offset: known delay of the recording of body 2 [s]: a sample of body 2 with the time stamp s was taken
-            at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use the same clock. If it is
-            given, it is not estimated. It needs `t`.
+        clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
+            time stamp s was taken at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use
+            the same clock. If it is given, it is not estimated. It needs `t`.
         encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
             reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
             scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
