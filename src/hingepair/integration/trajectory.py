@@ -147,9 +147,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of the arrays of one motion by name, each of shape (N, ...). They are the outputs of the
-        state, "psi", and the motion of body 1: "R1" and "S1", or for a PlanarTrajectory "phi". Raise an ArgumentError
-        if the trajectory holds many motions or Dask arrays.
+        """Return a dict of the arrays of one motion by name; their first axis is that of the instants. They are the
+        outputs of the state, "psi", and of body 1 "R1" and "S1"; a PlanarTrajectory has "phi" and no position of body
+        1. Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.

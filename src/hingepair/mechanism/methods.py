@@ -334,7 +334,7 @@ class MechanismMethods(Shown):
         motion of the robot requires (T1-T3). Return a MechanismForces. `wrenches` is a dict of further loads (force,
         torque) by link name; `base_motion` is a BodyMotion. `out` is a dict of arrays by output name, which are
         written in place. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
-        inertia was not given, so that a default is used, or if no rigid body can have it.
+        inertia was not given, so that a default is used, or if the given value is physically impossible.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -396,7 +396,7 @@ class MechanismMethods(Shown):
         further loads (force, torque) by link name; `base_motion` is a BodyMotion; `force1` and `torque1` act on a
         free base. `out` is a dict of arrays by output name, which are written in place. The robot's first computation
         that uses masses issues a DynamicsWarning if a mass or an inertia was not given, so that a default is used, or
-        if no rigid body can have it.
+        if the given value is physically impossible.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -451,7 +451,8 @@ class MechanismMethods(Shown):
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
         compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
         `out` is written in place. `base_motion` is None or a BodyMotion. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
+        masses issues a DynamicsWarning if a mass or an inertia was not given,
+        or if the given value is physically impossible.
 
         The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
         those of `jacobian`; of `base_motion`, only S is used.
@@ -510,7 +511,7 @@ class MechanismMethods(Shown):
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
         for a free base (..., 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion.
         The robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given,
-        or if no rigid body can have it.
+        or if the given value is physically impossible.
 
         The generalized forces are torques of hinges [N m] and forces of sliders [N], in the order of q. For a free
         base, the array begins with the force on the base at R1 [N] and the torque on the base about R1 [N m], in
@@ -563,7 +564,7 @@ class MechanismMethods(Shown):
         velocity of the centre of mass is J @ qd. For a free base, this velocity is J @ (v1, omega1, qd), and J has
         shape (..., 3, 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion. The
         robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given, or
-        if no rigid body can have it.
+        if the given value is physically impossible.
 
         Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
 
@@ -588,7 +589,8 @@ class MechanismMethods(Shown):
         """Compute the part of the acceleration of the centre of mass that velocities cause, an array (..., 3)
         [m/s^2]: bias in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias.
         `base_motion` is None or a BodyMotion. The array `out` is written in place. The robot's first computation that
-        uses masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
+        uses masses issues a DynamicsWarning if a mass or an inertia was not given,
+        or if the given value is physically impossible.
 
         J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. If the base is "fixed", the bias also
         contains the effect of the velocities and accelerations of `base_motion`. `qd` are the time derivatives of q;
@@ -615,7 +617,8 @@ class MechanismMethods(Shown):
         """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
         `.kinetic` and `.potential`, arrays with one element for each sample. The potential energy of a mass at the
         origin of the world is 0. `base_motion` is None or a BodyMotion. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given, or if no rigid body can have it.
+        masses issues a DynamicsWarning if a mass or an inertia was not given,
+        or if the given value is physically impossible.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
         kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
@@ -644,7 +647,7 @@ class MechanismMethods(Shown):
         Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
         about the origin of the world if `about` is "origin", and about the robot's centre of mass if it is "centre".
         `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
-        if a mass or an inertia was not given, or if no rigid body can have it.
+        if a mass or an inertia was not given, or if the given value is physically impossible.
 
         The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`, only R,
         S, v and omega are used. The other arguments are those of `inverse_dynamics`.

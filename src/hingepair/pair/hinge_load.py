@@ -116,8 +116,8 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest; 0 if `friction_rate` is given. If the motor
-        is itself a HingeLoad, its sticking friction is added.
+        """Largest friction torque [N m] that can keep the hinge at rest; 0 if `friction_rate` is given. The
+        argument `motor` may be another HingeLoad, whose sticking friction is then added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
@@ -132,17 +132,17 @@ class HingeLoad:
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """Range of psi between the rigid stops [rad], as a pair (lower, upper); -inf or inf if there is no such stop.
-        Stops are rigid if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops may narrow
-        the range.
+        """Range of psi between the rigid stops [rad], as a pair (lower, upper); -inf or inf on a side without one.
+        Stops are rigid if stop_restitution is given. The argument `motor` may be another HingeLoad, whose rigid stops
+        then narrow the range.
         """
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """Range of psi between the stops [rad], as a pair (lower, upper); -inf or inf if there is no such stop. If
-        the motor is itself a HingeLoad, its stops may narrow the range.
+        """Range of psi between the stops [rad], as a pair (lower, upper); -inf or inf on a side without a stop. The
+        argument `motor` may be another HingeLoad, whose stops then narrow the range.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -152,11 +152,13 @@ class HingeLoad:
 
     def restitution(self, rate: float) -> float:
         """Return the ratio w / v, from 0 to 1, where v is the magnitude of the hinge rate before an impact on a stop
-        and w is its magnitude after the impact. No other torque acts on the hinge.
+        and w is its magnitude after the impact. It is assumed that no other torque acts during the impact.
 
-        For rigid stops, this is stop_restitution. For stops that are springs with damping, the ratio decreases as v
-        grows, and does not depend on the inertia. With c = stop_damping, w is the solution of
-        c v - ln(1 + c v) = -c w - ln(1 - c w): the largest deflection is the same on the way in and on the way out.
+        For rigid stops, this is stop_restitution. Other stops are springs with damping: at a deflection delta, the
+        torque is stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. Then the ratio decreases
+        as v grows, and does not depend on the inertia: w is the solution of
+        c v - ln(1 + c v) = -c w - ln(1 - c w), of which both sides are proportional to the square of the largest
+        deflection.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
