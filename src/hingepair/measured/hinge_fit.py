@@ -308,8 +308,9 @@ def fit(
     - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
       body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
       degrees apart, `home` consists of two rotations: first a half turn about an axis of body 2, then the rotation by
-      the smallest angle that turns the result into n. The half turn is about the first of the axes x, y and z
-      along which the component of n is below 0.65 in magnitude.
+      the smallest angle that turns the result into n. The half turn is about the x, y or z axis of body
+      2: the first of them for which the component of n with the same letter, in body 1's axes, is below 0.65 in
+      magnitude.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
@@ -337,7 +338,7 @@ def fit(
             scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
             Readings cannot be used if body 2 is a point.
         noise1: pair of the standard deviations of the noise in one component of the position [m] and of the attitude
-            [rad] of body 1, each a number or an array (N,). Those that `smooth` estimates are
+            [rad] of body 1, each a number or an array (N,). With `smoothed = smooth(t, body1)`, they are
             (smoothed.noise["R"], smoothed.noise["S"]). A common factor on all standard deviations is still estimated
             from the data.
         noise2: the same pair for body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.

@@ -100,8 +100,8 @@ class AnchorFit:
         u2: vector from sensor 2 to the hinge point, in body 2's axes [m]; shape (3,).
         covariance: covariance matrix of the six components of u1 and u2 [m^2]; shape (6, 6). A variance is inf if the
             motion does not determine the component. A convention of `fit_anchor` sets the position of the hinge point
-            along the axis, which therefore has no uncertainty in this matrix. If n1 and n2 were given to
-            `fit_anchor`, they count as exact.
+            along the axis, which therefore has no uncertainty in this matrix. If the hinge axis (n1 in body
+            1's axes, n2 in body 2's axes) was given to `fit_anchor`, it counts as exact.
         bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,). Its estimate stays near 0 in directions
             that the motion does not determine.
         bias2: bias of accelerometer 2 in body 2's axes [m/s^2]; shape (3,).

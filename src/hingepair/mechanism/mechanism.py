@@ -135,7 +135,7 @@ class Mechanism(MechanismMethods):
     def from_pinocchio(
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
-        """Return the robot of a Pinocchio model as a Mechanism, for example one that Pinocchio has read from MJCF.
+        """Return the robot of a Pinocchio model, such as one that Pinocchio has read from MJCF, as a Mechanism.
         `base` is "fixed", "free" or None (as in the model). `locked` is a dict of positions by joint name; these
         joints are held at these positions. Issue a DynamicsWarning if a joint is locked beyond its limits, or if the
         model's gravity is not (0, 0, -9.81), the default of the methods.

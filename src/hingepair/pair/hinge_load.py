@@ -106,7 +106,7 @@ class HingeLoad:
     @property
     def rate_kinks(self) -> tuple[float, ...]:
         """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        If the motor is itself a HingeLoad, the rates at which its torque has a kink or a jump are included.
+        The argument `motor` may be another HingeLoad, whose rates of kinks and jumps are then included.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():

@@ -216,8 +216,8 @@ class PlanarPair(Shown):
         HingePair is cached, and later calls return the same object.
 
         Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
-        torque about axes in the plane. The HingePair of `to_spatial` keeps centres of mass off the plane and products
-        of inertia, which can cause such torques.
+        torque about axes in the plane. The HingePair of `to_spatial` retains products of inertia, and centres of mass
+        that are not in the plane; both can cause such torques.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))

@@ -142,7 +142,8 @@ def sample_pairs(
         A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,).
 
     Raises:
-        ArgumentError: an argument cannot be used, or all standard deviations are 0; the error names the argument.
+        ArgumentError: an argument cannot be used, or all standard deviations are 0 and no covariance is given; the
+            error names the argument.
 
     >>> import numpy as np
     >>> import hingepair as hp
