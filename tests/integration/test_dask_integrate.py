@@ -18,6 +18,8 @@ import dask
 import dask.array as da
 import xarray as xr
 
+from support.lazy import computed, refusing_scheduler
+
 PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
 COUNT, MOTIONS, CHUNK = 24, 5, 2
@@ -33,20 +35,7 @@ NAMES = ("quat_wxyz", "quat_xyzw", "psi", "R1", "S1", "R2", "S2", "d", "v2", "om
 ERROR_NAMES = ("error_estimate", "psi_error_estimate", "steps")
 
 
-@pytest.fixture(autouse=True)
-def nothing_is_computed():
-    """Whatever computes in a test does so on purpose: by `computed`."""
-
-    def refuse(*_, **__):
-        pytest.fail("computed without being asked")
-
-    with dask.config.set(scheduler=refuse):
-        yield
-
-
-def computed(*lazy):
-    values = dask.compute(*lazy, scheduler="synchronous")
-    return values if len(lazy) > 1 else values[0]
+nothing_is_computed = pytest.fixture(autouse=True)(refusing_scheduler)
 
 
 def chunked(array):

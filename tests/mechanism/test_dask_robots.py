@@ -18,6 +18,8 @@ import dask.array as da
 import dask.dataframe as dd
 import pandas as pd
 
+from support.lazy import computed, refuse
+
 COUNT, CHUNK = 50, 20
 U = 2.0**-53
 
@@ -29,14 +31,6 @@ def assert_close(found, expected):
 
 
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")
-
-
-def refuse(*_, **__):
-    pytest.fail("computed without being asked")
-
-
-def computed(lazy):
-    return dask.compute(lazy, scheduler="synchronous")[0]
 
 
 def chunked(array):

@@ -22,6 +22,8 @@ import dask.dataframe as dd
 import pandas as pd
 import xarray as xr
 
+from support.lazy import computed, refusing_scheduler
+
 COUNT, CHUNK = 50, 20
 U = 2.0**-53
 
@@ -36,20 +38,7 @@ LETTERS = ("R", "S", "v", "omega", "a", "alpha")
 MASS = hp.Body(2.0, (0.1, 0.2, 0.3), inertia=(0.2, 0.3, 0.4))
 
 
-@pytest.fixture(autouse=True)
-def nothing_is_computed():
-    """Whatever computes in a test does so on purpose: by `computed`."""
-
-    def refuse(*_, **__):
-        pytest.fail("computed without being asked")
-
-    with dask.config.set(scheduler=refuse):
-        yield
-
-
-def computed(*lazy):
-    found = dask.compute(*lazy, scheduler="synchronous")
-    return found if len(lazy) > 1 else found[0]
+nothing_is_computed = pytest.fixture(autouse=True)(refusing_scheduler)
 
 
 def chunked(array: np.ndarray) -> da.Array:
