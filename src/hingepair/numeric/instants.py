@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-_MIN_NANOSECOND_STAMP = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MIN_STAMP_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
 _MAX_FLOAT_STAMP_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
 _MAX_JITTER_TO_MEDIAN_TIME_STEP = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
 
@@ -59,7 +59,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_NANOSECOND_STAMP:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_STAMP_READ_AS_NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -120,7 +120,9 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     """
     stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
     clock = stamps.dtype.kind in "mM" or (
-        stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _MIN_NANOSECOND_STAMP
+        stamps.dtype.kind in "iu"
+        and stamps.size
+        and np.abs(stamps.astype(np.float64)).min() >= _MIN_STAMP_READ_AS_NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
     return check_instants(name, seconds, order)
