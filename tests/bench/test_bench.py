@@ -45,7 +45,7 @@ def run(*options):
 def few(monkeypatch):
     """The methods that start quickly, and few states to compare them by."""
     monkeypatch.setattr(peers, "COMPARED_KINEMATICS_METHODS", FEW)
-    monkeypatch.setattr(direct, "_NUM_ACCURACY_STATES", 3)
+    monkeypatch.setattr(direct, "_NUM_RANDOM_STATES_FOR_ERRORS", 3)
     monkeypatch.setattr(direct, "hard_states", lambda rng, parts: tuple(c[:3] for c in truth.hard_states(rng, parts)))
 
 
@@ -181,7 +181,7 @@ def test_no_job_is_timed_while_a_neighbour_still_works():
     assert not any(seen[1:])  # the first call finds nothing before it
 
 
-@pytest.mark.parametrize("shift", direct.OFFSET_BYTES_BY_ROW_NAME.values())
+@pytest.mark.parametrize("shift", direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME.values())
 def test_outputs_begin_where_they_are_said_to(shift):
     array = direct.allocate_at_offset((5, 3, 3), shift)
     assert array.shape == (5, 3, 3)
@@ -192,7 +192,7 @@ def test_outputs_begin_where_they_are_said_to(shift):
 @pytest.mark.slow
 def test_each_offset_has_a_row_beside_the_floor():
     rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
-    assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OFFSET_BYTES_BY_ROW_NAME] * 2
+    assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME] * 2
     assert list(dict.fromkeys(row.case for row in rows)) == [
         f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: pose, N = 9",
         f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: velocity, N = 9",
@@ -208,7 +208,7 @@ def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     assert done.exit_code == 0, done.output
     for words in (
         *(method.name for method in FEW),
-        *direct.OFFSET_BYTES_BY_ROW_NAME,
+        *direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME,
         "pose, N = 1",
         "pose, N = 2",
         direct.PAIR_CONSTRUCTION_CASE_NAME,
@@ -225,7 +225,7 @@ def test_json_has_every_row_both_errors_and_the_machine(few):  # noqa: ARG001
     assert rows.keys() == {method.name for method in FEW}
     assert rows[peers.COPY_FLOOR_NAME]["error"] is None
     assert rows[peers.HINGEPAIR_NAME]["error"] > 0
-    assert rows[peers.HINGEPAIR_NAME]["more"][direct.HARD_STATE_ERROR_COLUMN] > 0
+    assert rows[peers.HINGEPAIR_NAME]["extra_columns"][direct.HARD_STATE_ERROR_COLUMN] > 0
     assert {"processor", "machine", "cores", "numpy", "pin"} <= found["facts"].keys()
 
 
@@ -252,7 +252,9 @@ def test_no_cell_of_the_report_is_cut(capsys):
     cases = [
         f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}" for name in (*direct.CALL_SIZES_BY_CALL_SEQUENCE_NAME, "import")
     ]
-    rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKEND_NAMES, "hingepair")]
+    rows += [
+        _row(case, method, 123.0) for case in cases for method in (*direct.CALL_SEQUENCE_BACKEND_NAMES, "hingepair")
+    ]
     rows += [
         _row(case, peers.HINGEPAIR_NAME, 1.0)
         for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.PAIR_CONSTRUCTION_CASE_NAME)
@@ -260,7 +262,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
     cases = [
         direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: {level}", 1_000_000) for level in OUTPUTS_BY_LEVEL
     ]
-    rows += [_row(case, method, 1.0) for case in cases for method in direct.OFFSET_BYTES_BY_ROW_NAME]
+    rows += [_row(case, method, 1.0) for case in cases for method in direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME]
     command._run_benchmark(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 
@@ -355,7 +357,7 @@ def test_skip_compares_every_program_with_the_whole_one():
     for name in skip.make_folding_cases(2):
         assert len([row for row in found if row["method"] == name]) == 2
     assert [row["ratio"] for row in found if row["method"] == skip.UNFOLDED_CASE_NAME] == [1, 1]
-    operations = {row["method"]: row["more"]["operations"] for row in found}
+    operations = {row["method"]: row["extra_columns"]["operations"] for row in found}
     whole = operations.pop(skip.UNFOLDED_CASE_NAME)
     assert operations.pop("float32") == operations.pop("constant rates") == whole
     assert all(0 < left < whole for left in operations.values())
@@ -378,6 +380,6 @@ def test_what_is_known_changes_no_output():
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
     monkeypatch.setattr(direct, "CALL_SIZES_BY_CALL_SEQUENCE_NAME", {direct.LARGE_CALL_SEQUENCE_NAME: "[3, 1]"})
     rows = direct.measure_fresh_processes(1)
-    assert len(rows) == 2 + 1 + len(direct.BACKEND_NAMES)
+    assert len(rows) == 2 + 1 + len(direct.CALL_SEQUENCE_BACKEND_NAMES)
     assert all(row.seconds > 0 for row in rows)
     assert {direct.IMPORT_CASE_NAME, direct.RUN_CASE_NAME} < {row.case for row in rows}

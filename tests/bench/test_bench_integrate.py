@@ -55,7 +55,7 @@ def test_the_error_column_sees_an_error(motion):
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     methods = ("magnus6", "midpoint")
     monkeypatch.setattr(integrate, "_HINGEPAIR_METHOD_NAMES", methods)
-    monkeypatch.setattr(integrate, "_STEP_COUNTS", (500, 1000))
+    monkeypatch.setattr(integrate, "_HINGEPAIR_STEP_COUNTS", (500, 1000))
     monkeypatch.setattr(integrate, "_SCIPY_SOLVER_NAMES", ("LSODA",))
     monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))
     picture = tmp_path / "i.png"
@@ -66,7 +66,7 @@ def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     assert picture.read_bytes().startswith(b"\x89PNG")
     found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout, parse_constant=pytest.fail)
     assert len([row for row in found["rows"] if row["case"] == "turned"]) == 2 * 3
-    orders = {row["method"]: row["more"].get("order") for row in found["rows"] if row["case"] == "turned"}
+    orders = {row["method"]: row["extra_columns"].get("order") for row in found["rows"] if row["case"] == "turned"}
     assert round(orders["magnus6, 1000 steps"]) == 6
     assert round(orders["midpoint, 1000 steps"]) == 2
     assert orders["SciPy LSODA, 0.0001"] is None

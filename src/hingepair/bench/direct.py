@@ -43,12 +43,12 @@ CONTROL_CYCLE_CASE_NAME = "one state: FK, Jacobian, bias from a quaternion"  # n
 PAIR_CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
 FRESH_PROCESS_CASE_PREFIX = "a fresh process"  # beginning of the names of cases
 OUTPUT_OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
-OFFSET_BYTES_BY_ROW_NAME = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
+OUTPUT_OFFSET_BYTES_BY_ROW_NAME = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
 """Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
 _CACHE_LINE_BYTES = 64
 """Size of a cache line [bytes]."""
-_NUM_ACCURACY_STATES = 40  # number of random states whose results are compared with the exact ones
+_NUM_RANDOM_STATES_FOR_ERRORS = 40  # number of random states whose results are compared with the exact ones
 # Explains the columns below the table.
 _TABLE_NOTE = (
     "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
@@ -100,17 +100,17 @@ def measure_batches(
         random, hard = (
             method_errors(pair, methods, ExactResults(BENCH_PAIR_CONSTANTS, states, outputs))
             for states in (
-                random_states(rng, _NUM_ACCURACY_STATES, num_levels),
+                random_states(rng, _NUM_RANDOM_STATES_FOR_ERRORS, num_levels),
                 hard_states(rng, num_levels),
             )
         )
-        more = {name: {HARD_STATE_ERROR_COLUMN: value} for name, value in hard.items()}
+        extra_columns = {name: {HARD_STATE_ERROR_COLUMN: value} for name, value in hard.items()}
         rows_by_size = {}
         for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
             print_progress(f"{level}, N = {size:,}: {repeats} repeats")
             task = make_kinematics_task(pair, random_states(rng, size, num_levels), outputs)
             rows_by_size[size] = measure_methods(
-                case_name(level, size), methods, task.first_samples, size, repeats, random, more
+                case_name(level, size), methods, task.first_samples, size, repeats, random, extra_columns
             )
         rows += [row for size in sizes for row in rows_by_size[size]]
     return rows
@@ -123,13 +123,13 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
-        num_offsets = len(OFFSET_BYTES_BY_ROW_NAME)
+        num_offsets = len(OUTPUT_OFFSET_BYTES_BY_ROW_NAME)
         print_progress(f"{level}, N = {size:,}, outputs at {num_offsets} offsets: {repeats} repeats")
         task = make_kinematics_task(
             pair, random_states(rng, size, list(OUTPUTS_BY_LEVEL).index(level) + 1), OUTPUTS_BY_LEVEL[level]
         )
         jobs = {COPY_FLOOR_NAME: peers.copy_job(task)}
-        for name, shift in OFFSET_BYTES_BY_ROW_NAME.items():
+        for name, shift in OUTPUT_OFFSET_BYTES_BY_ROW_NAME.items():
             buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
             jobs[name] = make_job(task._replace(buffers=buffers))
         rows += make_rows(
@@ -182,7 +182,9 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
             row.method: (row.min_seconds / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]
         }
         curves = [
-            MethodCurve(name, [(ns, row.error), (ns, row.more[HARD_STATE_ERROR_COLUMN])], second_is_hard=True)
+            MethodCurve(
+                name, [(ns, row.error), (ns, row.extra_columns[HARD_STATE_ERROR_COLUMN])], second_is_hard=True
+            )
             for name, (ns, row) in times.items()
             if name in drawn and row.error is not None
         ]
@@ -251,7 +253,7 @@ CALL_SIZES_BY_CALL_SEQUENCE_NAME = {
     "1 x 100,000 among 200 x 1": [1] * 100 + [100_000] + [1] * 100,
 }
 # Backends that the sequences of calls are measured with.
-BACKEND_NAMES = ("auto", "numpy", "compiled")
+CALL_SEQUENCE_BACKEND_NAMES = ("auto", "numpy", "compiled")
 
 
 def measure_fresh_processes(repeats: int) -> list[Row]:
@@ -277,7 +279,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
         for name, sizes in CALL_SIZES_BY_CALL_SEQUENCE_NAME.items():
             calls = {
                 backend: f"for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
-                for backend in BACKEND_NAMES
+                for backend in CALL_SEQUENCE_BACKEND_NAMES
             }
             before = _PAIR_AND_STATES_CODE_TEMPLATE.format(sizes=sizes)
             codes[f"{FRESH_PROCESS_CASE_PREFIX}: {name}"] = {

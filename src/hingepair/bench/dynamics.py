@@ -58,9 +58,9 @@ DOP853_NAME, RADAU_NAME, LSODA_NAME = "SciPy DOP853, NumPy", "SciPy Radau", "Sci
 MAX_SIMULATION_ERROR_RAD = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
-_SIMULATION_INSTANTS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
-_INITIAL_OMEGA = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
-_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
+_TUMBLING_SIMULATION_INSTANTS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
+_TUMBLING_INITIAL_OMEGA1 = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
+_TUMBLING_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
 
 
 def make_pair_with_masses() -> HingePair:
@@ -240,14 +240,16 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
     SciPy's DOP853, `repeats` times; return the table rows.
     """
     truth = scipy_simulation_job(pair, 1e-13)()
-    start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_INITIAL_OMEGA)
+    start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_TUMBLING_INITIAL_OMEGA1)
 
     def spring(_t: Array, psi: Array, _psid: Array) -> Array:
-        return -_SPRING_STIFFNESS * psi
+        return -_TUMBLING_SPRING_STIFFNESS * psi
 
     def hingepair_job(tol: float) -> Job:
         read = attrgetter("quat_wxyz", "psi")
-        return lambda: read(simulate(pair, _SIMULATION_INSTANTS, start, 0.5, 1.0, hinge_torque=spring, tol=tol))
+        return lambda: read(
+            simulate(pair, _TUMBLING_SIMULATION_INSTANTS, start, 0.5, 1.0, hinge_torque=spring, tol=tol)
+        )
 
     makers: dict[str, Callable[[float], Job]] = {
         HINGEPAIR_NAME: hingepair_job,
@@ -261,7 +263,6 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
 STIFF_SIMULATION_CASE_NAME = (
     f"simulation of stiff friction, 0.2 s, error at most {MAX_SIMULATION_ERROR_RAD:g}"  # name of the case
 )
-_STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0.01 rad/s; the time constant is 6 us
 
 
 def measure_stiff_simulation(repeats: int) -> list[Row]:
@@ -270,16 +271,17 @@ def measure_stiff_simulation(repeats: int) -> list[Row]:
     """
     from scipy.integrate import solve_ivp
 
+    inertia, friction_torque = 3e-5, 0.05  # [kg m^2] and [N m], reached at 0.01 rad/s; the time constant is 6 us
     times = np.linspace(0, 0.2, 21)  # [s]
-    wheel = HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=Body(1.0, inertia=_STIFF_INERTIA * np.eye(3)))
+    wheel = HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=Body(1.0, inertia=inertia * np.eye(3)))
     start = BodyMotion(R=np.zeros(3), S=np.eye(3))
-    load = HingeLoad(friction=_STIFF_FRICTION, friction_rate=0.01, motor=lambda t, _psi, _psid: 0.1 * np.sin(50 * t))
+    load = HingeLoad(friction=friction_torque, friction_rate=0.01, motor=lambda t, _psi, _psid: 0.1 * np.sin(50 * t))
 
     def rates(t: float, y: Array) -> list[float]:
-        return [y[1], (0.1 * np.sin(50 * t) - _STIFF_FRICTION * np.tanh(y[1] / 0.01)) / _STIFF_INERTIA]
+        return [y[1], (0.1 * np.sin(50 * t) - friction_torque * np.tanh(y[1] / 0.01)) / inertia]
 
     def jacobian(_t: float, y: Array) -> list[list[float]]:
-        return [[0, 1], [0, -_STIFF_FRICTION / 0.01 / np.cosh(min(abs(y[1] / 0.01), 300)) ** 2 / _STIFF_INERTIA]]
+        return [[0, 1], [0, -friction_torque / 0.01 / np.cosh(min(abs(y[1] / 0.01), 300)) ** 2 / inertia]]
 
     def scipy_job(solver: str, tol: float) -> Job:
         span = times[0], times[-1]
@@ -342,17 +344,17 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     """
     from scipy.integrate import solve_ivp
 
-    rates = newton_euler_rates(pair, lambda psi: -_SPRING_STIFFNESS * psi)
-    start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _INITIAL_OMEGA, (1.0,)])
+    rates = newton_euler_rates(pair, lambda psi: -_TUMBLING_SPRING_STIFFNESS * psi)
+    start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _TUMBLING_INITIAL_OMEGA1, (1.0,)])
 
     def run() -> tuple[Array, Array]:
         """Simulate by SciPy's DOP853; return the unit quaternions (w, x, y, z) of body 1, and psi [rad]."""
         y = solve_ivp(
             rates,
-            (_SIMULATION_INSTANTS[0], _SIMULATION_INSTANTS[-1]),
+            (_TUMBLING_SIMULATION_INSTANTS[0], _TUMBLING_SIMULATION_INSTANTS[-1]),
             start,
             "DOP853",
-            _SIMULATION_INSTANTS,
+            _TUMBLING_SIMULATION_INSTANTS,
             rtol=tol,
             atol=tol,
         ).y

@@ -54,9 +54,9 @@ POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3
 # Standard deviations of the noise of gyroscopes [rad/s] and accelerometers [m/s^2], and of the gyroscopes' biases.
 GYROSCOPE_NOISE, ACCELEROMETER_NOISE, GYROSCOPE_BIAS = 1e-2, 5e-2, 2e-2
 _GRAVITY_VECTOR = np.array([0.0, 0.0, -9.81])  # [m/s^2]
-_FINITE_DIFFERENCE_STEP = 1e-4  # [s] between the poses whose differences are rates and accelerations
+_FINITE_DIFFERENCE_STEP_SECONDS = 1e-4  # [s] between the poses whose differences are rates and accelerations
 _MIN_HINGEPAIR_ONLY_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
-_MAX_GYROSCOPE_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
+_MAX_MEASURED_AXIS_FIT_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
 _WRONG_SIGNS_COLUMN = "wrong signs"  # column: recordings of which n1 and n2 point against each other
 # Explains the signs of the axes below the table.
 _AXIS_SIGN_NOTE = (
@@ -152,7 +152,7 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
         (
             Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
             for name, fit, most, package in (
-                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_GYROSCOPE_SAMPLES, ""),
+                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_MEASURED_AXIS_FIT_SAMPLES, ""),
                 (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
                 (QMT_NAME, axis_by_qmt, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
             )
@@ -216,12 +216,14 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
     """
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, count)
-    before, now, after = (_exact_poses(t + step) for step in (-_FINITE_DIFFERENCE_STEP, 0.0, _FINITE_DIFFERENCE_STEP))
+    before, now, after = (
+        _exact_poses(t + step) for step in (-_FINITE_DIFFERENCE_STEP_SECONDS, 0.0, _FINITE_DIFFERENCE_STEP_SECONDS)
+    )
     columns = []
     for body in (0, 1):
         (R_before, S_before), (R, S), (R_after, S_after) = (poses[body] for poses in (before, now, after))
-        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _FINITE_DIFFERENCE_STEP)
-        acceleration = (R_after - 2 * R + R_before) / _FINITE_DIFFERENCE_STEP**2
+        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _FINITE_DIFFERENCE_STEP_SECONDS)
+        acceleration = (R_after - 2 * R + R_before) / _FINITE_DIFFERENCE_STEP_SECONDS**2
         columns += [omega + bias_std * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY_VECTOR)]
     noise = rng.standard_normal((4, count, 3))
     sizes = (GYROSCOPE_NOISE, ACCELEROMETER_NOISE) * 2

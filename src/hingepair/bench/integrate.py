@@ -22,14 +22,13 @@ from hingepair.pair.hinge_pair import HingePair
 
 Array = NDArray[np.float64]
 
-ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
+ATTITUDE_ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
 STEP_SIZE_COLUMN: Final = "h [s]"  # heading of a column
 CONVERGENCE_ORDER_COLUMN: Final = "order"  # heading of a column
 LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
-STOP_TIME: Final = 10.0  # end of the motion [s]
-NUM_COMPARED_INSTANTS: Final = (
-    25  # evenly spread instants at which errors are computed; each method's steps include them
-)
+MOTION_DURATION_SECONDS: Final = 10.0  # of every motion, which begins at t = 0
+# Equal intervals of the motion; errors are computed at their ends, which the steps of every method include.
+NUM_COMPARISON_INTERVALS: Final = 25
 TARGET_ERROR_RAD: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
@@ -38,7 +37,9 @@ _EXACT_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 # Methods of hingepair.
 _HINGEPAIR_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
-_STEP_COUNTS = tuple(NUM_COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))  # of hingepair's methods
+_HINGEPAIR_STEP_COUNTS = tuple(
+    NUM_COMPARISON_INTERVALS * k for k in (2, 5, 10, 20, 40, 100, 200, 400)
+)  # of hingepair's methods
 _SCIPY_SOLVER_NAMES = ("DOP853", "RK45", "LSODA")  # names for solve_ivp
 _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and atol of SciPy's solvers
 
@@ -109,10 +110,10 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
     vary, for which None stands.
     """
     jobs: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_HINGEPAIR_METHOD_NAMES, _STEP_COUNTS):
+    for method, steps in itertools.product(_HINGEPAIR_METHOD_NAMES, _HINGEPAIR_STEP_COUNTS):
         jobs[f"{method}, {steps} steps"] = (
             functools.partial(_integrate_by_hingepair, method, motion, steps),
-            STOP_TIME / steps,
+            MOTION_DURATION_SECONDS / steps,
         )
     for solver, tol in itertools.product(_SCIPY_SOLVER_NAMES if find_spec("scipy") else (), _SCIPY_TOLERANCES):
         jobs[f"SciPy {solver}, {tol:g}"] = functools.partial(_integrate_by_scipy, solver, motion, tol), None
@@ -124,32 +125,34 @@ def measure_integration(repeats: int, long_run_steps: int) -> Report:
     `long_run_steps` steps unless this is 0; return the report.
     """
     rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
-    more = make_target_rows(rows) + (measure_long_run(long_run_steps, min(repeats, 3)) if long_run_steps else [])
+    further_rows = make_target_rows(rows) + (
+        measure_long_run(long_run_steps, min(repeats, 3)) if long_run_steps else []
+    )
     notes = ["left out: numbers of steps with which a method meets gimbal lock"]
-    return Report([*rows, *more], ERROR_LABEL, notes, make_convergence_panels(rows))
+    return Report([*rows, *further_rows], ATTITUDE_ERROR_LABEL, notes, make_convergence_panels(rows))
 
 
 def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
     """Measure run times and errors of all integration methods on one motion, with all numbers of steps and
     tolerances, `repeats` times; return the table rows. Runs that meet gimbal lock are left out.
     """
-    exact = motion.exact_attitudes(np.linspace(0, STOP_TIME, NUM_COMPARED_INSTANTS + 1))
+    exact = motion.exact_attitudes(np.linspace(0, MOTION_DURATION_SECONDS, NUM_COMPARISON_INTERVALS + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
-    more: dict[str, dict[str, float | None]] = {}
-    before: dict[str, tuple[float, float]] = {}
+    extra_columns: dict[str, dict[str, float | None]] = {}
+    previous_runs: dict[str, tuple[float, float]] = {}
     for label, (job, step) in make_integration_runs(motion).items():
         try:
             errors[label] = error = motion.largest_error(job(), exact)
         except GimbalLockError:
             continue
         method = _method_of_label(label)
-        jobs[label], more[label] = job, {STEP_SIZE_COLUMN: step, CONVERGENCE_ORDER_COLUMN: None}
+        jobs[label], extra_columns[label] = job, {STEP_SIZE_COLUMN: step, CONVERGENCE_ORDER_COLUMN: None}
         if step is not None:
-            more[label][CONVERGENCE_ORDER_COLUMN] = _observed_order(before.get(method), (step, error))
-            before[method] = step, error
+            extra_columns[label][CONVERGENCE_ORDER_COLUMN] = _observed_order(previous_runs.get(method), (step, error))
+            previous_runs[method] = step, error
     print_progress(f"{motion.name}: {len(jobs)} runs, {repeats} repeats")
-    return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, more)
+    return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, extra_columns)
 
 
 def _observed_order(previous_run: tuple[float, float] | None, current_run: tuple[float, float]) -> float | None:
@@ -168,7 +171,7 @@ def measure_long_run(steps: int, repeats: int) -> list[Row]:
     rows = []
     for motion in ROTATION_CASES:
         print_progress(f"{motion.name}: {steps:,} steps")
-        t = np.linspace(0, STOP_TIME, steps + 1)
+        t = np.linspace(0, MOTION_DURATION_SECONDS, steps + 1)
         job = _long_run_job(motion, t)
         compared = np.unique(np.linspace(1, steps, 100).astype(int))
         error = motion.largest_error(job().quat_wxyz[compared], motion.exact_attitudes(t[compared]))
@@ -203,19 +206,20 @@ def _long_run_job(motion: RotationCase, t: Array) -> Job:
 
 
 def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Array:
-    """Integrate a motion over STOP_TIME in `steps` equal steps by the named method of hingepair; return quaternions
-    (w, x, y, z) at the compared instants, shape (instants, 4).
+    """Integrate a motion over MOTION_DURATION_SECONDS in `steps` equal steps by the named method of hingepair; return
+    quaternions (w, x, y, z) at the compared instants, shape (instants, 4).
     """
-    t = np.linspace(0, STOP_TIME, steps + 1)
+    t = np.linspace(0, MOTION_DURATION_SECONDS, steps + 1)
     trajectory = integrate_pair(
         _INTEGRATED_PAIR, t, motion.omega, 0.0, S1_0=motion.initial_attitude(), method=method, outputs=()
     )
-    return trajectory.quat_wxyz[:: steps // NUM_COMPARED_INSTANTS]
+    return trajectory.quat_wxyz[:: steps // NUM_COMPARISON_INTERVALS]
 
 
 def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
-    """Integrate a motion over STOP_TIME by the named solver of SciPy, with `tol` as relative and absolute tolerance;
-    return quaternions (w, x, y, z), not normalised, at the compared instants, shape (instants, 4).
+    """Integrate a motion over MOTION_DURATION_SECONDS by the named solver of SciPy, with `tol` as relative and
+    absolute tolerance; return quaternions (w, x, y, z), not normalised, at the compared instants, shape (instants,
+    4).
 
     The four equations of the quaternion are written out in Python floats, which is the fastest way for SciPy.
     """
@@ -235,9 +239,15 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
         return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
 
     initial_quat = np.array(motion.quat) / math.sqrt(size)
-    instants = np.linspace(0, STOP_TIME, NUM_COMPARED_INSTANTS + 1)
+    instants = np.linspace(0, MOTION_DURATION_SECONDS, NUM_COMPARISON_INTERVALS + 1)
     solution = solve_ivp(
-        rate, (0, STOP_TIME), initial_quat, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol
+        rate,
+        (0, MOTION_DURATION_SECONDS),
+        initial_quat,
+        method=solver,
+        t_eval=instants,
+        rtol=max(tol, 3e-14),
+        atol=tol,
     )
     return np.asarray(solution.y.T)
 
@@ -286,7 +296,7 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
             Panel(
                 f"{motion.name}: step",
                 "step h [s]",
-                ERROR_LABEL,
+                ATTITUDE_ERROR_LABEL,
                 _error_curves(rows, motion.name, STEP_SIZE_COLUMN),
                 x_descending=True,
             ),
@@ -298,11 +308,11 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
 
 def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
     """Return a list of curves, one for each method, of the errors of the case named `case`. The abscissa is the named
-    column of `Row.more`, or the run time [ms] if `column` is None.
+    column of `Row.extra_columns`, or the run time [ms] if `column` is None.
     """
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
-        x = row.min_seconds * 1e3 if column is None else row.more.get(column)
+        x = row.min_seconds * 1e3 if column is None else row.extra_columns.get(column)
         if row.case == case and x is not None and row.error is not None:
             points.setdefault(_method_of_label(row.method), []).append((x, row.error))
     return [MethodCurve(name, curve_points) for name, curve_points in points.items()]

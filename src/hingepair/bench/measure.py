@@ -1,7 +1,7 @@
 """The parts of every benchmark: methods that are compared on a case, the timer, rows of results, the report.
 
 A benchmark is a function that returns a `Report`. It makes one job for each method of a case (a job is a function
-without arguments), times all jobs with `time_interleaved`, and adds columns of its own to `Row.more`.
+without arguments), times all jobs with `time_interleaved`, and adds columns of its own to `Row.extra_columns`.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ class Row:
     ratio: float
     # Largest error; infinite if a result is not finite, None if there is nothing to compare with.
     error: float | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)  # further columns of one benchmark, by heading
+    # Values of the further columns of one benchmark, by heading.
+    extra_columns: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def seconds_per_sample(self) -> float:
@@ -124,7 +125,7 @@ class Report(NamedTuple):
         Args:
             width: of a line [characters]; None for lines of any length.
         """
-        columns = list(dict.fromkeys(key for row in self.rows for key in row.more))
+        columns = list(dict.fromkeys(key for row in self.rows for key in row.extra_columns))
         errors = [self.error_label] if any(row.error is not None for row in self.rows) else []
         heading = ("", "N", "a call", "each", "ratio", *errors, *columns)
         lines: list[Sequence[str]] = [heading]
@@ -138,9 +139,8 @@ class Report(NamedTuple):
                 format_duration(row.seconds_per_sample),
                 format_number(row.ratio),
             ]
-            cells += [
-                _format_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))
-            ]
+            further_values = (*([row.error] if errors else []), *map(row.extra_columns.get, columns))
+            cells += [_format_cell(value) for value in further_values]
             lines.append((f"  {row.method}", *cells))
         return ["", *ruled_table(lines, 1, width), ""]
 
@@ -180,22 +180,23 @@ def measure_methods(
 def make_rows(
     case: str,
     repeat_seconds: Mapping[str, Sequence[float]],
-    counts: int | Mapping[str, int] = 1,
+    sample_counts: int | Mapping[str, int] = 1,
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
     """Return the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the run times
-    of a call, one for each repeat. Ratios refer to the first method. `counts` are the samples of a call; errors and
-    extra columns are given by the method's name.
+    of a call, one for each repeat. Ratios refer to the first method. `sample_counts` are the samples of a call;
+    errors and extra columns are given by the method's name.
 
     Args:
         case: name of the case.
         repeat_seconds: time of a call in each repeat [s], by the method's name; ratios refer to the first method.
-        counts: samples of a call: one number, or numbers by the method's name.
+        sample_counts: samples of a call: one number, or numbers by the method's name.
         errors: largest errors, by the method's name.
         extra_columns: further columns, by the method's name and the column's heading.
     """
-    sample_counts = {name: counts if isinstance(counts, int) else counts[name] for name in repeat_seconds}
+    if isinstance(sample_counts, int):
+        sample_counts = dict.fromkeys(repeat_seconds, sample_counts)
     first, rows = next(iter(repeat_seconds), ""), []
     for name, seconds in repeat_seconds.items():
         scale = sample_counts[first] / sample_counts[name]

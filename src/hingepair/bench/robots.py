@@ -74,7 +74,7 @@ _TABLE_NOTES: Final = (
 PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
-_PINOCCHIO_JOINT_NAMES_BY_CPP_CODE: Final = (
+_PINOCCHIO_JOINT_TYPES_IN_CPP_ORDER: Final = (
     "RX",
     "RY",
     "RZ",
@@ -360,7 +360,7 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
     kinds = [
-        _PINOCCHIO_JOINT_NAMES_BY_CPP_CODE.index(joint.shortname().removeprefix("JointModel")) for joint in joints
+        _PINOCCHIO_JOINT_TYPES_IN_CPP_ORDER.index(joint.shortname().removeprefix("JointModel")) for joint in joints
     ]
     axes = [_UNIT_AXIS_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
     places = list(model.jointPlacements)[1:]

@@ -218,10 +218,10 @@ def _measure_beside_dask(
                 cpu_seconds[method] = []
                 jobs[method] = _with_processor_time(job, cpu_seconds[method])
         times = time_interleaved(jobs, repeats)
-    more = {
+    extra_columns = {
         name: {PROCESSOR_TIME_COLUMN: round(median(seconds[-repeats:]), 3)} for name, seconds in cpu_seconds.items()
     }
-    return make_rows(case, times, samples, extra_columns=more)
+    return make_rows(case, times, samples, extra_columns=extra_columns)
 
 
 def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
@@ -246,7 +246,7 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
     command = [sys.executable, "-c", _DASK_REDUCTION_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
-    return Row(case, method, samples, seconds, seconds, 1.0, more={PEAK_MEMORY_COLUMN: round(peak)})
+    return Row(case, method, samples, seconds, seconds, 1.0, extra_columns={PEAK_MEMORY_COLUMN: round(peak)})
 
 
 def _measure_sweeps(threads: int) -> list[Row]:

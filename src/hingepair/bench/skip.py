@@ -55,11 +55,15 @@ def measure_folding(samples: int, repeats: int) -> Report:
     each backend, `repeats` times; return the report.
     """
     rows, folding_cases = [], make_folding_cases(samples)
-    more = {name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()}
+    extra_columns = {
+        name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()
+    }
     for backend in ("compiled", "numpy"):
         print_progress(f"{backend}, N = {samples:,}: {len(folding_cases)} programs, {repeats} repeats")
         jobs = {name: case.make_job(backend) for name, case in folding_cases.items()}
-        rows += make_rows(f"velocity, {backend}", time_interleaved(jobs, repeats), samples, extra_columns=more)
+        rows += make_rows(
+            f"velocity, {backend}", time_interleaved(jobs, repeats), samples, extra_columns=extra_columns
+        )
     return Report(rows)
 
 
