@@ -61,15 +61,17 @@ _TABLE_NOTE = (
 def measure_kinematics(
     sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_fresh_processes: bool
 ) -> Report:
-    """Measure run times and errors of forward kinematics by all methods at all batch sizes and levels ("pose",
-    "velocity", "acceleration"), `repeats` times each; return the report. `with_cpp` compiles and adds Pinocchio's C++
-    loop, `with_fresh_processes` adds imports and first calls in fresh processes.
+    """Measure run times and errors of forward kinematics by hingepair and other packages, at each batch size of
+    `sizes` and each level of `levels` ("pose", "velocity", "acceleration"), and run times of calls of single states
+    and of output arrays at several addresses. Time each call `repeats` times; return the Report. `with_cpp` compiles
+    and adds Pinocchio's C++ loop; `with_fresh_processes` adds imports, a run of a scene and first calls, in fresh
+    processes.
 
     Args:
         sizes: batch sizes.
         levels: names of levels: pose, velocity, acceleration.
         repeats: of each measurement.
-        with_cpp: whether the C++ loop of Pinocchio is compiled and measured.
+        with_cpp: whether the C++ loop of Pinocchio is compiled and measured. If this fails, a note says why.
         with_fresh_processes: whether imports and first calls are measured too, in fresh processes.
     """
     if with_cpp:
@@ -89,8 +91,9 @@ def measure_kinematics(
 def measure_batches(
     methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int
 ) -> list[Row]:
-    """Measure run times and errors of all methods at every level ("pose", "velocity", "acceleration") and batch size,
-    `repeats` times; return the table rows. A method with a limit computes fewer samples.
+    """Measure run times and errors of the given methods at every level ("pose", "velocity", "acceleration") and batch
+    size, and time each call `repeats` times; return a list of table rows. A method computes at most its `max_samples`
+    samples of a batch.
     """
     rng = np.random.default_rng(20)
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
@@ -118,7 +121,7 @@ def measure_batches(
 
 def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
     """Measure run times of batches of `size` states whose output arrays begin at several byte offsets from a cache
-    line, and of plain copying, at each named level; return the table rows, none for one state.
+    line, and of plain copying, at each named level; return a list of table rows, which is empty if `size` is 1.
     """
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
@@ -151,8 +154,9 @@ def allocate_at_offset(shape: tuple[int, ...], offset_bytes: int) -> NDArray[np.
 
 
 def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: ExactResults) -> dict[str, float]:
-    """Compute the states of `exact_results` by each method; return a dict of its largest error [u * scale] by the
-    method's name. The error is inf if the method refuses a state; methods that only copy are left out.
+    """Compute the states of `exact_results` by each method; return a dict from the method's name to its largest error
+    [u * scale]. The error is inf if the method refuses a state or a result is not finite. Methods that only copy are
+    left out.
     """
     largest_errors = {}
     for method in methods:
@@ -169,8 +173,9 @@ def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: Exa
 
 
 def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
-    """Return a list of the picture's panels, made from the table rows: one panel for each level, with a curve of
-    error against run time for each method at the largest batch size.
+    """Return a list of the picture's panels, one for each level, made from the table rows. A panel shows two points
+    for each method, its errors on random and on hard states, against its run time for the last batch size of the
+    rows.
 
     Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
@@ -196,7 +201,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
 
 def measure_single_states(repeats: int) -> list[Row]:
     """Measure the run times of the construction of a pair, and of a control cycle of one state by hingepair and
-    Pinocchio, `repeats` times each; return the table rows.
+    Pinocchio, `repeats` times each; return a list of table rows.
     """
     print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
@@ -257,8 +262,8 @@ CALL_SEQUENCE_BACKEND_NAMES = ("auto", "numpy", "compiled")
 
 
 def measure_fresh_processes(repeats: int) -> list[Row]:
-    """Measure the run times of imports, of the run of a scene and of sequences of calls, `repeats` times, each in a
-    fresh process; return the table rows.
+    """Measure the run times of imports, of the command `hingepair run` and of sequences of calls, `repeats` times,
+    each in a fresh Python process; return a list of table rows. A process that fails raises a CalledProcessError.
     """
     num_sequences = len(CALL_SIZES_BY_CALL_SEQUENCE_NAME)
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
@@ -302,8 +307,9 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
 
 
 def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
-    """Run Python code in a fresh process with the environment variables of `environment`. Return the run time [s],
-    which is the last number that the code prints to standard error. A failing process raises a CalledProcessError.
+    """Run Python code in a fresh process with the environment variables of `environment`. Return the last
+    number that the code prints to standard error, its run time [s], as a float. A process that fails raises a
+    CalledProcessError.
     """
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment

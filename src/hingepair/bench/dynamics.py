@@ -71,8 +71,9 @@ def make_pair_with_masses() -> HingePair:
 
 
 def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
-    """Measure run times of inverse and forward dynamics of one state and of `batch_size` states, and of simulations
-    if SciPy is installed, `repeats` times each; return the report. `with_cpp` compiles and adds Pinocchio's C++ loop.
+    """Measure run times of inverse and forward dynamics of one state and of `batch_size` states by hingepair and
+    other packages, and of simulations if SciPy is installed, `repeats` times each; return the Report. `with_cpp`
+    compiles and adds Pinocchio's C++ loop.
     """
     pair, rows = make_pair_with_masses(), list[Row]()
     methods, notes = available_methods(
@@ -94,9 +95,9 @@ def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
 
 
 class DynamicsTask(NamedTuple):
-    """Random states of a pair with accelerations and the forces that cause them. A method computes the forces if
-    `is_inverse`, else the accelerations. `body1` is the motion of body 1, `hinge` holds psi, psi', psi'', and `rows`
-    are Pinocchio's arguments.
+    """Random states of a pair, with its accelerations and the `forces` that cause them. A method is to compute the
+    forces if `is_inverse`, else the accelerations. `body1` is the motion of body 1, `hinge` is an array of psi, psi'
+    and psi'', and `rows` are the arguments of Pinocchio's function.
     """
 
     pair: HingePair  # with masses
@@ -108,8 +109,8 @@ class DynamicsTask(NamedTuple):
 
 
 def make_dynamics_task(pair: HingePair, is_inverse: bool, count: int) -> DynamicsTask:
-    """Return a task of `count` random states of a pair with masses. A method is to compute the forces if
-    `is_inverse`, else the accelerations.
+    """Return a DynamicsTask of `count` random states of a pair with masses, always the same ones. A method is to
+    compute the forces if `is_inverse`, else the accelerations.
 
     Args:
         pair: a pair with masses.
@@ -131,7 +132,7 @@ def make_dynamics_task(pair: HingePair, is_inverse: bool, count: int) -> Dynamic
 
 def hingepair_dynamics_job(task: DynamicsTask) -> Job:
     """Return a job, a function without arguments, that calls the pair's `inverse_dynamics` if the task is inverse,
-    else `forward_dynamics`, for all states at once and returns the result.
+    else `forward_dynamics`, for all states at once and returns its result.
     """
     pair, _, body1, (psi, psid, psidd), (force1, torque1, hinge), _ = task
     if task.is_inverse:
@@ -140,8 +141,8 @@ def hingepair_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def prepared_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that computes inverse or forward dynamics of the task's first state by the result of
-    `pair.prepare`, and returns a tuple of the outputs. The attitude is given as a quaternion.
+    """Return a job that computes inverse or forward dynamics of the task's first state by the function that
+    `pair.prepare` returns. The job returns a tuple of the outputs. The attitude is given as a quaternion.
     """
     psi, psid, psidd = map(float, task.hinge[:, 0])
     body1: Any = task.body1
@@ -159,7 +160,8 @@ def prepared_dynamics_job(task: DynamicsTask) -> Job:
 
 def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
     """Return a job that calls Pinocchio's inverse or forward dynamics for each state of the task in a Python loop.
-    The job returns an array with a row for each state, and for a single state a tuple of parts.
+    The job returns an array with a row of seven components for each state; for a single state it returns a tuple of
+    the row's linear, angular and hinge parts.
 
     The results of a single state are read out part by part; those of many states are copied into an array.
     """
@@ -187,8 +189,9 @@ def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def pinocchio_cpp_dynamics_job(task: DynamicsTask) -> Job:
-    """Return a job that calls Pinocchio's inverse or forward dynamics for each state of the task in a C++ loop, and
-    returns an array with a row for each state.
+    """Compile Pinocchio's C++ loop, unless it is compiled, and return a job that calls Pinocchio's inverse or forward
+    dynamics for each state of the task in this loop. The job returns an array with a row for each state. Raise a
+    MissingDependencyError if the loop cannot be compiled.
     """
     results = np.ones_like(task.rows[1])
     arguments = [int(task.is_inverse), len(results), *task.rows, results]
@@ -237,7 +240,7 @@ TUMBLING_SIMULATION_CASE_NAME = f"simulation of 10 s, error at most {MAX_SIMULAT
 
 def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
     """Measure run times and errors of the simulation of a tumbling pair with a hinge spring, by hingepair and by
-    SciPy's DOP853, `repeats` times; return the table rows.
+    SciPy's DOP853, `repeats` times; return a list of table rows.
     """
     truth = scipy_simulation_job(pair, 1e-13)()
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_TUMBLING_INITIAL_OMEGA1)
@@ -246,6 +249,7 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
         return -_TUMBLING_SPRING_STIFFNESS * psi
 
     def hingepair_job(tol: float) -> Job:
+        """Return a job that simulates the pair by hingepair and returns a tuple of two arrays (quat_wxyz, psi)."""
         read = attrgetter("quat_wxyz", "psi")
         return lambda: read(
             simulate(pair, _TUMBLING_SIMULATION_INSTANTS, start, 0.5, 1.0, hinge_torque=spring, tol=tol)
@@ -267,7 +271,7 @@ STIFF_SIMULATION_CASE_NAME = (
 
 def measure_stiff_simulation(repeats: int) -> list[Row]:
     """Measure run times and errors of the simulation of a motor-driven wheel with stiff friction, by hingepair and by
-    SciPy's Radau and LSODA, `repeats` times; return the table rows.
+    SciPy's Radau and LSODA, `repeats` times; return a list of table rows.
     """
     from scipy.integrate import solve_ivp
 
@@ -308,9 +312,10 @@ def _measure_at_max_error(
     error_of_result: Callable[[Any], float],
     repeats: int,
 ) -> list[Row]:
-    """Measure the run time of each method, `repeats` times, at the coarsest tolerance whose error is
-    MAX_SIMULATION_ERROR_RAD at most; return the table rows of the case. `job_maker_by_method` holds functions from a
-    tolerance to a job; `error_of_result` returns the error of a job's result.
+    """Measure the run time of each method, `repeats` times, at the coarsest tolerance whose error is at most
+    MAX_SIMULATION_ERROR_RAD, or at 1e-13 if there is none; return a list of table rows. `job_maker_by_method` maps a
+    method's name to a function from a tolerance to a job; `error_of_result` returns the error of a job's result
+    [rad].
 
     Args:
         case: name of the case.
@@ -331,7 +336,7 @@ def _measure_at_max_error(
 
 def simulation_error(simulation: tuple[Array, Array], truth: tuple[Array, Array]) -> float:
     """Return the largest difference of attitude or psi [rad] between a simulation and the true one, as a float. Both
-    are tuples of arrays (quat_wxyz, psi).
+    are tuples of two arrays (quat_wxyz, psi).
     """
     one, other = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (simulation[0], truth[0]))
     gap = np.minimum(np.linalg.norm(one - other, axis=-1), np.linalg.norm(one + other, axis=-1))
@@ -340,7 +345,7 @@ def simulation_error(simulation: tuple[Array, Array], truth: tuple[Array, Array]
 
 def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Array, Array]]:
     """Return a job that simulates the tumbling pair by SciPy's DOP853 with `tol` as relative and absolute tolerance.
-    The job returns a tuple of arrays (quat_wxyz, psi).
+    The job returns a tuple of two arrays (quat_wxyz, psi).
     """
     from scipy.integrate import solve_ivp
 
@@ -364,8 +369,9 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
 
 
 def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) -> Callable[[float, Array], Array]:
-    """Return the right-hand side of the equations of motion of a pair with masses, a function of time and state for
-    ODE solvers. `hinge_torque` is a function from psi to the hinge torque [N m].
+    """Return the right-hand side of the equations of motion of a pair with masses, for ODE solvers: a function of
+    time and state that returns the time derivative of the state. `hinge_torque` is a function from psi to the hinge
+    torque [N m].
 
     Args:
         pair: a pair with masses.

@@ -46,8 +46,8 @@ _CPP_REQUIREMENTS_TEXT = (
 
 
 def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any) -> list[Array]:
-    """Return a list of Pinocchio's q, v, a of a pair's motion, as many of the three as `hinge_motion` has arrays:
-    psi; psi and psi'; or psi, psi' and psi''. `body1` is the motion of body 1.
+    """Convert a pair's motion to Pinocchio's coordinates; return a list of as many of the arrays q, v, a as
+    `hinge_motion` has arrays, which are psi; psi and psi'; or psi, psi' and psi''. `body1` is the motion of body 1.
 
     Args:
         pair: the pair.
@@ -60,8 +60,9 @@ def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any)
 
 
 def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
-    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays. The linear
-    rates in world axes, one further argument each for v and a, replace the first three columns of v and a.
+    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays. The further
+    arguments are the linear rates in world axes, an array for v and one for a, which replace their first three
+    columns.
 
     MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
@@ -77,6 +78,7 @@ def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Ar
 def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
     """Compile Pinocchio's C++ loop over a pair, for kinematics or `with_dynamics`, and return a job that calls it
     with `arguments`, of which arrays are passed by address. The loop writes into `results`, which the job returns.
+    Raise a MissingDependencyError if the loop cannot be compiled.
 
     Args:
         pair: the pair.
@@ -110,7 +112,8 @@ def _address(value: Any) -> Any:
 @functools.cache
 def compile_library(source_name: str, *flags: str) -> Any:
     """Compile the C++ file `source_name` of this folder with further compiler flags, which takes up to two minutes;
-    return it as a ctypes library, cached. Raise a MissingDependencyError if the compiler or a header is missing.
+    return it as a ctypes library. The libraries are cached. Raise a MissingDependencyError if the compiler or a
+    header is missing.
 
     Args:
         source_name: name of the file.
@@ -146,7 +149,8 @@ def compile_library(source_name: str, *flags: str) -> Any:
 
 
 def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
-    """Compile the C++ loops over a pair, those of dynamics too if `with_dynamics`; return the ctypes library.
+    """Compile the C++ loops over a pair, those of dynamics too if `with_dynamics`; return the ctypes library, whose
+    functions have their argument types set. Raise a MissingDependencyError if the compiler or a header is missing.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
@@ -164,8 +168,8 @@ def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
 
 
 def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
-    """Compile a C++ file if `is_requested`. Return a text that says why its loops cannot be measured (not requested,
-    or no compiler), or None if they can.
+    """Compile a C++ file if `is_requested`. Return None if this succeeds; otherwise return a text that says why the
+    loops of the file cannot be measured (not requested, or no compiler or header).
 
     Args:
         is_requested: whether the user asks for them by --cpp.
@@ -182,7 +186,7 @@ def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, 
 
 
 def _header_folders() -> Iterator[Path]:
-    """Yield the folders that may hold the headers of Pinocchio, of its dependencies and of Eigen."""
+    """Yield the paths of folders that may hold the headers of Pinocchio, of its dependencies and of Eigen."""
     import pinocchio
 
     for parent in Path(pinocchio.__file__).resolve().parents:

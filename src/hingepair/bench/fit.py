@@ -106,7 +106,7 @@ class FittedHinge(NamedTuple):
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
     """Measure run times and errors of fits of a hinge to poses, and of its axis to gyroscopes, by hingepair and other
-    packages; return the report. `sizes` are the numbers of samples of the recordings; each run is timed `repeats`
+    packages; return the Report. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats`
     times.
     """
     rows = _measure_pose_fits(sizes, repeats)
@@ -116,7 +116,8 @@ def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
     """Measure run times and errors of fits of a hinge to simulated poses, with noise alone and with outliers too;
-    return the table rows. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats` times.
+    return a list of table rows. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats`
+    times.
     """
     rows: list[Row] = []
     for count in sizes:
@@ -145,8 +146,8 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
 
 def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
     """Measure run times and errors of fits of the hinge axis to simulated gyroscopes, without and with biases; return
-    the table rows, and a list of notes on the methods left out. `sizes` are the numbers of samples of the recordings;
-    each fit is timed `repeats` times.
+    a list of table rows, and a list of notes on the methods left out. `sizes` are the numbers of samples of the
+    recordings, of which those too long for the fits are left out; each fit is timed `repeats` times.
     """
     methods, notes = available_methods(
         (
@@ -171,8 +172,8 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
 
 
 def _axis_rows(case: str, methods: Sequence[Method], count: int, bias_std: float, repeats: int) -> list[Row]:
-    """Measure run times and errors of each method that fits the hinge axis to recordings of `count` samples; return
-    the table rows of the case. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
+    """Measure run times and errors of each method that fits the hinge axis to recordings of `count` samples; return a
+    list of the table rows of the case. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
     """
     seeds = range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
     tasks = [(make_inertial_recording(count, bias_std, seed), bias_std) for seed in seeds]
@@ -205,7 +206,7 @@ def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
 
 
 def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialRecording:
-    """Simulate `count` noisy readings of gyroscopes and accelerometers on both bodies over ten seconds; return the
+    """Simulate `count` noisy readings of gyroscopes and accelerometers on both bodies over ten seconds; return an
     InertialRecording. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s]; `seed` determines noise
     and biases.
 
@@ -231,30 +232,30 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
 
 
 def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, by `hingepair.fit_axis`, which takes the standard deviation
-    of the gyroscopes' biases [rad/s].
+    """Return a tuple n1, n2 of the hinge axis in each body's axes, as `hingepair.fit_axis` fits it to the gyroscopes.
+    `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
     """
     axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
     return axis_fit.n1, axis_fit.n2
 
 
 def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, as the package qmt fits it to the gyroscopes alone; the sign
-    of n2 is not determined then. The second argument is ignored.
+    """Return a tuple n1, n2 of the hinge axis in each body's axes, as the package qmt fits it to the gyroscopes
+    alone; the sign of n2 is not determined then. The second argument is ignored.
     """
     return _axis_by_qmt(recording, {"residuals": [1]})
 
 
 def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, as the package qmt fits it to gyroscopes and accelerometers
-    with its default settings. The second argument is ignored.
+    """Return a tuple n1, n2 of the hinge axis in each body's axes, as the package qmt fits it to gyroscopes and
+    accelerometers with its default settings. The second argument is ignored.
     """
     return _axis_by_qmt(recording, None)
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return n1, n2, the hinge axis in each body's axes, shape (3,) each, as the package qmt fits it to a recording.
-    `settings` are options of qmt; None stands for its defaults.
+    """Return a tuple n1, n2 of the hinge axis in each body's axes, shape (3,) each, as the package qmt fits it to a
+    recording. `settings` is a dict of options of qmt, or None for its defaults.
     """
     import qmt
 
@@ -265,8 +266,8 @@ def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) 
 
 
 def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
-    """Compare the fitted axes n1, n2 with the true ones. Return the largest component of their errors, signs not
-    counted, and whether the sign of n2 relative to n1 is wrong.
+    """Compare the fitted axes n1, n2 with the true ones. Return the absolute value of the largest component of the
+    errors, not counting signs, as a float, and whether the sign of n2 relative to n1 is wrong, as a bool.
     """
     truth = true_hinge()
     signs = [float(np.sign(axis @ true)) for axis, true in ((n1, truth.n), (n2, truth.n_body2))]
@@ -275,8 +276,8 @@ def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
 
 
 def make_pose_recording(count: int, outlier_fraction: float, seed: int) -> RecordedPoses:
-    """Simulate `count` noisy poses of both bodies over ten seconds, in which a fraction of the poses of body 2 are
-    wrong (`outlier_fraction`); return the RecordedPoses. `seed` determines the noise.
+    """Simulate `count` noisy poses of both bodies over ten seconds; return a RecordedPoses. The fraction
+    `outlier_fraction` of the poses of body 2 is wrong; `seed` determines the noise and which poses are wrong.
 
     Args:
         count: samples.
@@ -311,8 +312,8 @@ def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return the hinge that SciPy's least_squares fits to E1 and S1 n = S2 (home^T n), with the loss function `loss`,
-    from a start about 0.2 from the true hinge. The axes are normalised.
+    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to E1 and S1 n = S2 (home^T n), with the
+    loss function named `loss`, from a start about 0.2 from the true hinge. The axes are normalised.
     """
     from scipy.optimize import least_squares
 
@@ -331,8 +332,8 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return the hinge that SciPy's least_squares fits to E1 and E5 (S2 = S1 Sh C), with the loss function `loss` and
-    psi of every sample as an unknown, from a start about 0.2 from the true hinge.
+    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to E1 and E5 (S2 = S1 Sh C), with the loss
+    function named `loss` and psi of every sample as an unknown, from a start about 0.2 from the true hinge.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
@@ -342,7 +343,9 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
     count = len(p)
 
     def residuals(x: Array) -> Array:
-        """Return the residuals of E1 and E5 at every sample, and those of the constraints on the unknowns."""
+        """Return an array of the residuals of E1 and E5 at every sample, followed by the residuals of the constraints
+        on the unknowns.
+        """
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)
@@ -363,7 +366,7 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def true_hinge() -> FittedHinge:
-    """Return the hinge that all recordings are made with; its point is the one closest to R1."""
+    """Return, as a FittedHinge, the hinge with which all recordings are made; its point is the one closest to R1."""
     from scipy.spatial.transform import Rotation
 
     n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_HINGE_AXIS)
@@ -372,8 +375,8 @@ def true_hinge() -> FittedHinge:
 
 
 def hinge_error(fitted: FittedHinge) -> float:
-    """Return the largest difference of a fitted hinge from the true one, over the components of both axes and,
-    perpendicular to the axis, of both points. The axes are compared up to a common sign.
+    """Return the largest difference of a fitted hinge from the true one, as a float, over the components of both axes
+    and, perpendicular to the axis, of both points. The axes are compared up to a common sign.
     """
     truth = true_hinge()
     sign = np.sign(fitted.n @ truth.n)

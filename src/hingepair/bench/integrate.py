@@ -46,7 +46,8 @@ _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and at
 
 class RotationCase(NamedTuple):
     """A rotating body with a known attitude: the reference example rotated by Q, so that S = Q S_ref and omega = Q
-    omega_ref. `quat` is a quaternion (w, x, y, z) of Q with integer components.
+    omega_ref. `quat` is a quaternion (w, x, y, z) of Q with integer components. The methods compute angular
+    velocities, exact attitudes and errors of attitudes.
     """
 
     name: str
@@ -103,8 +104,8 @@ ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("
 
 def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
     """Return a dict from a label to a tuple (job, step [s]), one for each method and number of steps or tolerance;
-    the step is None if it varies. A job integrates the motion and returns quaternions (w, x, y, z) at the compared
-    instants.
+    the step is None if it varies. A job integrates `motion` and returns an array of quaternions (w, x, y, z) at the
+    instants at which errors are computed.
 
     Methods of hingepair with each number of steps come first. SciPy's solvers with each tolerance follow; their steps
     vary, for which None stands.
@@ -121,8 +122,8 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
 
 
 def measure_integration(repeats: int, long_run_steps: int) -> Report:
-    """Measure run times and errors of all integration methods on all motions, `repeats` times, and of a run of
-    `long_run_steps` steps unless this is 0; return the report.
+    """Measure run times and errors of all integration methods on all motions, `repeats` times; return the Report.
+    Also measure a run of `long_run_steps` steps, at most three times, unless `long_run_steps` is 0.
     """
     rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
     further_rows = make_target_rows(rows) + (
@@ -134,7 +135,7 @@ def measure_integration(repeats: int, long_run_steps: int) -> Report:
 
 def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
     """Measure run times and errors of all integration methods on one motion, with all numbers of steps and
-    tolerances, `repeats` times; return the table rows. Runs that meet gimbal lock are left out.
+    tolerances, `repeats` times; return a list of table rows. Runs that meet gimbal lock are left out.
     """
     exact = motion.exact_attitudes(np.linspace(0, MOTION_DURATION_SECONDS, NUM_COMPARISON_INTERVALS + 1))
     jobs: dict[str, Job] = {}
@@ -166,7 +167,7 @@ def _observed_order(previous_run: tuple[float, float] | None, current_run: tuple
 
 def measure_long_run(steps: int, repeats: int) -> list[Row]:
     """Measure run time and error of the integration of each motion by `magnus6` with `steps` steps, `repeats` times;
-    return the table rows. The evaluation of omega is not timed.
+    return a list of table rows. The evaluation of omega is not timed.
     """
     rows = []
     for motion in ROTATION_CASES:
@@ -206,8 +207,9 @@ def _long_run_job(motion: RotationCase, t: Array) -> Job:
 
 
 def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Array:
-    """Integrate a motion over MOTION_DURATION_SECONDS in `steps` equal steps by the named method of hingepair; return
-    quaternions (w, x, y, z) at the compared instants, shape (instants, 4).
+    """Integrate a motion from its beginning to its end in `steps` equal steps by the method of hingepair named
+    `method`. Return an array of quaternions (w, x, y, z) at the instants at which errors are computed, shape
+    (instants, 4).
     """
     t = np.linspace(0, MOTION_DURATION_SECONDS, steps + 1)
     trajectory = integrate_pair(
@@ -217,9 +219,9 @@ def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Ar
 
 
 def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
-    """Integrate a motion over MOTION_DURATION_SECONDS by the named solver of SciPy, with `tol` as relative and
-    absolute tolerance; return quaternions (w, x, y, z), not normalised, at the compared instants, shape (instants,
-    4).
+    """Integrate a motion from its beginning to its end by the solver of SciPy named `solver`, with `tol` as relative
+    and absolute tolerance. Return an array of quaternions (w, x, y, z), not normalised, at the instants at which
+    errors are computed, shape (instants, 4).
 
     The four equations of the quaternion are written out in Python floats, which is the fastest way for SciPy.
     """
@@ -258,8 +260,8 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return a dict from a method to its run time [s] at the error TARGET_ERROR_RAD, interpolated between the table
-    rows of the case named `case`. Methods that do not reach that error are left out.
+    """Return a dict from a method's name to its run time [s] at the error TARGET_ERROR_RAD, interpolated between the
+    table rows of the case named `case`. Methods that do not reach that error are left out.
     """
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
@@ -275,8 +277,8 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return new table rows with each method's run time at the error TARGET_ERROR_RAD, interpolated between the
-    measured rows.
+    """Return a list of new table rows, with the run time of each method at the error TARGET_ERROR_RAD for each
+    motion, interpolated between the measured rows.
     """
     target_rows = []
     for motion in ROTATION_CASES:
@@ -307,8 +309,8 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
 
 
 def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
-    """Return a list of curves, one for each method, of the errors of the case named `case`. The abscissa is the named
-    column of `Row.extra_columns`, or the run time [ms] if `column` is None.
+    """Return a list of curves, one for each method, of the errors of the case named `case`. Their abscissa is the
+    value in the extra column named `column`, or the run time [ms] if `column` is None.
     """
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:

@@ -50,7 +50,8 @@ _SECONDS_BY_TIME_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], t
 
 class Method(NamedTuple):
     """A method under test: its name, the function `make_job` from a task to a job (a function without arguments that
-    is timed), the sizes of batches that it takes, the package that it needs, and whether the picture shows it.
+    is timed), the smallest batch for which it is measured, the largest number of samples that it computes of a batch,
+    the package that it needs, and whether the picture shows it.
     """
 
     name: str
@@ -66,8 +67,9 @@ class Method(NamedTuple):
 def available_methods(
     methods: Iterable[Method], exclusion_reasons: Mapping[str, str | None]
 ) -> tuple[list[Method], list[str]]:
-    """Return a list of the methods whose package is installed and that nothing excludes, and a list of sentences, one
-    for each other method. `exclusion_reasons` maps a method's name to the reason why it cannot be measured, or None.
+    """Return a list of the methods that can be measured, and a list of sentences, one for each other method. A method
+    cannot be measured if its package is not installed or if `exclusion_reasons`, which maps names of methods to texts
+    or None, gives a reason.
 
     Args:
         methods: all methods.
@@ -89,8 +91,8 @@ def available_methods(
 @dataclass(frozen=True, slots=True)
 class Row:
     """A row of a report's table: run times and error of one method on one case. The fields are case, method, the
-    number of samples, median and minimum time of a call [s], the ratio to the first method, the error, and further
-    columns.
+    number of samples, median and minimum time of a call [s], the ratio to the first method, the error, and a mapping
+    of further values by column heading.
     """
 
     case: str  # what all methods of the case compute
@@ -120,7 +122,8 @@ class Report(NamedTuple):
     panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
     def table(self, width: int | None = None) -> list[str]:
-        """Return the table as lines of text, of at most `width` characters each: a block of rows for each case.
+        """Return the table as a list of lines of text, of at most `width` characters each, with a block of rows for
+        each case. The first and the last line are empty.
 
         Args:
             width: of a line [characters]; None for lines of any length.
@@ -158,9 +161,10 @@ def measure_methods(
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Measure the run times of the methods that take a batch of `size` samples, `repeats` times in alternation;
-    return the table rows of the case. `make_task` returns the task of a number of samples; errors and extra columns
-    of the rows are given by the method's name.
+    """Measure the run times of the methods for a batch of `size` samples, `repeats` times in alternation; return a
+    list of the table rows of the case. A method is left out if `size` is below its `min_samples`, and computes at
+    most its `max_samples`. `make_task` returns the task of a number of samples; `errors` and `extra_columns` are
+    mappings by the method's name.
 
     Args:
         case: name of the case.
@@ -184,9 +188,10 @@ def make_rows(
     errors: Mapping[str, float] | None = None,
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """Return the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the run times
-    of a call, one for each repeat. Ratios refer to the first method. `sample_counts` are the samples of a call;
-    errors and extra columns are given by the method's name.
+    """Return a list of the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the
+    run times of a call, one for each repeat. Ratios refer to the first method. `sample_counts` is the number of
+    samples of a call for all methods, or a mapping by the method's name; `errors` and `extra_columns` are such
+    mappings too.
 
     Args:
         case: name of the case.
@@ -208,7 +213,8 @@ def make_rows(
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
     """Call all jobs in turn, `repeats` times; return a dict from a job's name to a list of its run times of one call
-    [s], one for each repeat. Jobs are functions without arguments, by name.
+    [s], one for each repeat. `jobs` maps names to functions without arguments. Each job is also called untimed, and a
+    short job several times in a repeat.
 
     Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
     timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays
@@ -234,7 +240,7 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
 
 def wait_for_other_threads() -> None:
     """Wait until no other thread of this process runs or waits for a memory page, for at most ten seconds; return
-    None also if threads are still busy then.
+    None also if threads are still busy then. Only Linux is supported; on other systems, return at once.
 
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """
@@ -270,7 +276,8 @@ def format_number(number: float) -> str:
 
 
 def format_duration(seconds: float) -> str:
-    """Return a duration in seconds as text, in the largest of the units s, ms, us and ns in which it is at least 1.
+    """Return a duration in seconds as text, in the largest of the units s, ms, us and ns in which it is at least 1. A
+    shorter duration is in ns.
 
     >>> format_duration(1.234e-8), format_duration(0.25)
     ('12.3 ns', '250 ms')
@@ -280,8 +287,8 @@ def format_duration(seconds: float) -> str:
 
 
 def case_name(description: str, size: int) -> str:
-    """Return the name of a case as text: the description of what is computed, and the number of samples, as in "pose,
-    N = 1,000".
+    """Return the name of a case as text, such as "pose, N = 1,000": the description of what is computed, and the
+    number of samples.
     """
     return f"{description}, N = {size:,}"
 

@@ -70,8 +70,8 @@ class KinematicsTask(NamedTuple):
 
 
 def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[str, ...]) -> KinematicsTask:
-    """Return a task with a buffer for each named output, allocated and written, so that no page fault is timed.
-    `motion` is q; q and qd; or q, qd and qdd, shape (N, 7) each.
+    """Return a KinematicsTask with a buffer for each named output, allocated and written, so that no page fault is
+    timed. `motion` is q; q and qd; or q, qd and qdd, shape (N, 7) each.
     """
     samples = len(motion[0])
     return KinematicsTask(
@@ -98,8 +98,8 @@ def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> C
 
 
 def prepared_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that calls the result of `pair.prepare` with the task's state or batch, and returns a tuple of the
-    outputs, which are new arrays.
+    """Return a job that calls the function that `pair.prepare` returns with the task's state or batch. The job
+    returns a tuple of the outputs, which are new arrays.
     """
     arguments, names = task.arguments, tuple(task.buffers)
     call, read = task.pair.prepare(list(OUTPUTS_BY_LEVEL)[len(arguments) - 1], outputs=names), attrgetter(*names)
@@ -108,7 +108,7 @@ def prepared_kinematics_job(task: KinematicsTask) -> Job:
 
 def copy_job(task: KinematicsTask) -> Job:
     """Return a job that copies as many bytes as the outputs have into the task's buffers, and returns None. Its run
-    time is a lower bound.
+    time is a lower bound of the run time of any method.
     """
     source = {name: np.ones_like(array) for name, array in task.buffers.items()}
 
@@ -135,7 +135,7 @@ def _pinocchio_inputs(task: KinematicsTask) -> list[Array]:
 
 def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
     """Return a job that calls Pinocchio for each sample of the task in a Python loop. The job returns a dict of the
-    outputs by name, the task's buffers or, for a single sample, Pinocchio's arrays.
+    outputs by name: the task's buffers, filled, or for a single sample Pinocchio's arrays.
 
     The results are copied into the buffers; those of a single sample are only read out.
     """
@@ -174,8 +174,9 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that calls Pinocchio for each sample of the task in a C++ loop. The job writes the outputs into
-    the task's buffers and returns these.
+    """Compile Pinocchio's C++ loop, unless it is compiled, and return a job that calls Pinocchio for each sample of
+    the task in this loop. The job writes the outputs into the task's buffers and returns these, a dict by name. Raise
+    a MissingDependencyError if the loop cannot be compiled.
     """
     rows = [*_pinocchio_inputs(task), None, None][:3]
     outputs = [task.buffers.get(name) for name in OUTPUTS_BY_LEVEL["acceleration"]]
@@ -184,7 +185,7 @@ def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
 
 def mujoco_kinematics_job(task: KinematicsTask) -> Job:
     """Return a job that calls the stages of MuJoCo that the outputs need, for each sample of the task in a Python
-    loop. The job writes the outputs into the task's buffers and returns these.
+    loop. The job writes the outputs into the task's buffers and returns these, a dict by name.
     """
     import mujoco as mj
 
@@ -219,8 +220,8 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def scipy_rotation_job(task: KinematicsTask) -> Job:
-    """Return a job that computes attitudes by SciPy's Rotation and all else by NumPy for the whole batch. The job
-    returns a dict of new arrays by output name.
+    """Return a job that computes the outputs of the whole batch, the attitudes by SciPy's Rotation and all else by
+    NumPy. The job returns a dict of new arrays by output name.
     """
     from scipy.spatial.transform import Rotation
 
@@ -236,16 +237,16 @@ def scipy_rotation_job(task: KinematicsTask) -> Job:
 
 
 def numpy_stacks_job(task: KinematicsTask) -> Job:
-    """Return a job that computes on stacks of 3 x 3 matrices by NumPy, with @ and numpy.cross. The job returns a dict
-    of new arrays by output name.
+    """Return a job that computes the outputs of the whole batch by NumPy on stacks of 3 x 3 matrices, with @ and
+    numpy.cross. The job returns a dict of new arrays by output name.
     """
     pair, motion, _ = task
     return lambda: _body2_from_stacks(np, pair, motion, *_stacked_attitudes(np, pair, motion[0]))
 
 
 def jax_job(task: KinematicsTask) -> Job:
-    """Return a job that computes on stacks of 3 x 3 matrices by jax.jit on one core, and returns a dict of NumPy
-    arrays by output name. Inputs are converted to JAX arrays when the job is made.
+    """Return a job that computes the outputs of the whole batch by jax.jit on stacks of 3 x 3 matrices, on one core.
+    The job returns a dict of NumPy arrays by output name. Inputs are converted to JAX arrays when the job is made.
     """
     with _restrict_to_one_core():
         import jax
@@ -325,7 +326,8 @@ def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: An
 
 @contextmanager
 def _restrict_to_one_core() -> Iterator[None]:
-    """Return a context manager that restricts the process to one core (Linux only) until it exits.
+    """Return a context manager that restricts the calling thread, and the threads that it starts, to one core until
+    it exits. It does nothing where the system has no such call; Linux has one.
 
     JAX then makes one thread when it first lists its devices.
     """
@@ -342,7 +344,8 @@ def _restrict_to_one_core() -> Iterator[None]:
 
 def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
     """Return a job that computes a control cycle at one state of the pair: R2, S2, v2, omega2, Jacobian and
-    acceleration bias of body 2, as a tuple.
+    acceleration bias of body 2, as a tuple. The further arguments are the state: R1, quat_xyzw, v1, omega1, psi and
+    psi'.
 
     Args:
         pair: the pair.
@@ -357,9 +360,9 @@ def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
 def pinocchio_cycle_job(
     pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
 ) -> Job:
-    """Return a job that computes pose, twist, Jacobian and acceleration bias of body 2 at one state by Pinocchio, as
-    a tuple. The state is position, quaternion (x, y, z, w), velocity and angular velocity of body 1, psi and psi';
-    its conversion to Pinocchio's coordinates is not timed.
+    """Return a job that computes pose, velocities, Jacobian and acceleration bias of body 2 at one state by
+    Pinocchio, as a tuple. The state is position, quaternion (x, y, z, w), velocity and angular velocity of body 1,
+    psi and psi'; its conversion to Pinocchio's coordinates is not timed.
     """
     import pinocchio as pin
 
@@ -369,7 +372,9 @@ def pinocchio_cycle_job(
     q, rates, zeros = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
 
     def run() -> Any:
-        """Return pose, twist, Jacobian and acceleration bias of body 2 for one state, computed by Pinocchio."""
+        """Return a tuple of pose, velocities, Jacobian and acceleration bias of body 2 for one state, computed by
+        Pinocchio.
+        """
         pin.forwardKinematics(model, data, q, rates, zeros)
         placement = pin.updateFramePlacement(model, data, frame)
         twist = pin.getFrameVelocity(model, data, frame, world)

@@ -25,8 +25,9 @@ class MethodCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic; y is logarithmic,
-    linear up to `max_y`, or a row for each of `y_names`. A vertical line marks `min_x`.
+    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic. y is logarithmic;
+    or linear from 0 to `max_y`, if this is given; or the index of one of the labels `y_names`. A vertical line marks
+    `min_x`.
     """
 
     title: str
@@ -42,7 +43,8 @@ class Panel(NamedTuple):
 
 
 def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
-    """Draw panels, a list of lists row by row, with one legend of all methods below; return a new Matplotlib figure.
+    """Draw the panels of `panel_rows`, a list of lists, row by row with one legend of all methods below; return a new
+    Matplotlib figure. Raise a MissingDependencyError if Matplotlib is not installed.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
@@ -70,8 +72,8 @@ def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
 
 
 def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
-    """Draw panels, a list of lists row by row, and write the picture to an open binary file. `file_format` is "png",
-    "svg" or "pdf".
+    """Draw the panels of `panel_rows`, a list of lists, row by row, and write the picture to an open binary file.
+    `file_format` is "png", "svg" or "pdf". Raise a MissingDependencyError if Matplotlib is not installed.
 
     Args:
         panel_rows: the panels, row by row.
@@ -140,8 +142,8 @@ def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, s
 
 
 def new_figure(size_inches: tuple[float, float]) -> Any:
-    """Import Matplotlib and return an empty figure of (width, height) in inches. Raise a MissingDependencyError if it
-    is not installed.
+    """Return an empty Matplotlib figure of (width, height) in inches. Raise a MissingDependencyError if Matplotlib is
+    not installed.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.

@@ -26,7 +26,7 @@ _to_mpf: Any = np.frompyfunc(mpmath.mpf, 1, 1)
 
 class _BodyState(NamedTuple):
     """Motion of one body in world axes, as mpmath numbers: point R and unit axis of its joint, rotation S (body to
-    world), omega, alpha, and a, the acceleration of R minus that of gravity.
+    world), omega, alpha, and a, the acceleration of R minus the acceleration of gravity.
     """
 
     R: Array  # point of the joint that carries the body [m]
@@ -38,7 +38,8 @@ class _BodyState(NamedTuple):
 
 
 class ExactRobot:
-    """Computes exact results of a robot on a fixed base at given positions, as arrays of mpmath numbers.
+    """A robot on a fixed base at given positions, whose methods compute its poses, Jacobians, inverse and forward
+    dynamics in fifty-digit arithmetic and return them as arrays of mpmath numbers.
 
     Args:
         tree: the record of the robot.
@@ -57,7 +58,7 @@ class ExactRobot:
 
     def pose(self, joint: str) -> Array:
         """Return position (3) and rotation matrix (9, row by row) of the body that the joint named `joint` carries,
-        joined, as mpmath numbers; shape (12,).
+        as one array of mpmath numbers, shape (12,).
         """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             body = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._joint_number(joint)]
@@ -65,7 +66,7 @@ class ExactRobot:
 
     def jacobian(self, joint: str) -> Array:
         """Return the Jacobian of (v, omega) of the body that the joint named `joint` carries, at its reference point,
-        as mpmath numbers; shape (6, dof).
+        as an array of mpmath numbers, shape (6, dof).
         """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)
@@ -81,8 +82,8 @@ class ExactRobot:
             return J
 
     def inverse_dynamics(self, qd: Array, qdd: Array, gravity_magnitude: float = _GRAVITY_MAGNITUDE) -> Array:
-        """Return the efforts that rates qd and accelerations qdd require [N m, N], as mpmath numbers; shape (dof,).
-        `gravity_magnitude` is the acceleration of gravity along -z [m/s^2].
+        """Return the efforts [N m, N] that rates qd and accelerations qdd require, as an array of mpmath numbers,
+        shape (dof,). `gravity_magnitude` is the acceleration of gravity along -z [m/s^2].
         """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(qd, qdd, gravity_magnitude)
@@ -101,8 +102,8 @@ class ExactRobot:
             return efforts
 
     def forward_dynamics(self, qd: Array, tau: Array) -> Array:
-        """Return the accelerations that efforts tau [N m, N] cause at rates qd [rad/s^2, m/s^2], with gravity, as
-        mpmath numbers; shape (dof,).
+        """Return the accelerations [rad/s^2, m/s^2] that efforts tau [N m, N] and gravity cause at rates qd, as an
+        array of mpmath numbers, shape (dof,).
         """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             zero = np.zeros(self._dof)
@@ -125,8 +126,8 @@ class ExactRobot:
         return joint_values
 
     def _body_states(self, qd: Array, qdd: Array, gravity_magnitude: float) -> list[_BodyState]:
-        """Return a list of the motion of the base and of all bodies, in the order of the joints, for rates qd and
-        accelerations qdd. The base accelerates upwards by `gravity_magnitude`, which stands for gravity.
+        """Return a list of the _BodyStates of the base and of all bodies, in the order of the joints, for rates qd
+        and accelerations qdd. The base accelerates upwards by `gravity_magnitude`, which stands for gravity.
         """
         zero = _to_mpf(np.zeros(3))
         bodies = [
@@ -154,7 +155,7 @@ class ExactRobot:
 
 def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
     """Return the force [N] that the motion of a joint's body requires, gravity included, and the torque about the
-    joint's point [N m]; arrays of mpmath numbers, shape (3,).
+    joint's point [N m], as a tuple of two arrays of mpmath numbers, shape (3,) each.
     """
     c = body.S @ _to_mpf(joint.body.center_of_mass)
     inertia = body.S @ _to_mpf(joint.body.inertia) @ body.S.T
@@ -164,8 +165,8 @@ def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
 
 
 def _axis_rotation(n: Array, angle: Any) -> Array:
-    """Return the rotation matrix about a unit axis n by an angle [rad], by Rodrigues' formula, as mpmath numbers;
-    shape (3, 3).
+    """Return the rotation matrix about a unit axis n by an angle [rad], by Rodrigues' formula, as an array of mpmath
+    numbers, shape (3, 3).
     """
     x, y, z = n
     zero = mpmath.mpf(0)

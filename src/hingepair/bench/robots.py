@@ -104,7 +104,7 @@ class RobotTask(NamedTuple):
 
 def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, with_cpp: bool) -> Report:
     """Measure run times and errors of all engines for every workload of the named robots at batch sizes `sizes`,
-    `repeats` times; return the report. `with_cpp` compiles and adds Pinocchio's C++ loop.
+    `repeats` times; return the Report. `with_cpp` compiles and adds Pinocchio's C++ loop.
     """
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (one or two minutes)")
@@ -137,8 +137,8 @@ def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
 
 
 def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTask]) -> dict[str, float]:
-    """Compute a few states by each method and exactly; return a dict of the largest relative error by the method's
-    name. `make_task` returns the task of a number of states.
+    """Compute a few states by each method and exactly; return a dict from the method's name to its largest relative
+    error. `make_task` returns the task of a number of states.
     """
     print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DECIMAL_DIGITS} digits")
     truth = exact_robot_results(make_task(_NUM_COMPARED_STATES))
@@ -151,10 +151,10 @@ def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTas
 
 
 def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return the picture's panels as a list of lists, one panel for each workload: a line for each robot, and along x
-    the run times of batches of `size` states by each method.
+    """Return the picture's panels, one for each workload, as a list of lists. A panel has a line for each robot and
+    shows, along x, the run times of batches of `size` states by each method.
 
-    The run times are those of batches of `size` states. The legend shows the largest error of each engine.
+    The legend shows the largest error of each engine.
     """
     batches = [row for row in rows if row.case.endswith(case_name("", size)) and row.method != PREPARED_NAME]
     errors: dict[str, float] = {}
@@ -185,8 +185,8 @@ def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
 
 
 def _load_models(name: str) -> tuple[Mechanism, Any]:
-    """Load the robot of example-robot-data with that name; return a tuple of the Mechanism and of Pinocchio's model
-    of it, from the same file and with the same locked joints.
+    """Load the robot of example-robot-data named `name`; return a tuple of its Mechanism and of Pinocchio's model,
+    from the same file and with the same locked joints.
     """
     import pinocchio as pin
 
@@ -197,8 +197,8 @@ def _load_models(name: str) -> tuple[Mechanism, Any]:
 
 
 def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> RobotTask:
-    """Return a task of `count` random states of a robot for the named workload; `model` is Pinocchio's model of the
-    robot. A larger task begins with the states of a smaller one.
+    """Return a RobotTask of `count` random states of a robot for the named workload; `model` is Pinocchio's model of
+    the robot. A larger task begins with the states of a smaller one.
     """
     rng = np.random.default_rng(31)
     depth = [0]
@@ -244,8 +244,8 @@ def _read_pose(state: Any) -> Array:
 
 
 def hingepair_robot_job(task: RobotTask) -> Job:
-    """Return a job that computes the task's workload for all states at once by a method of `Mechanism` and returns
-    the result, an array or convertible to one. The first call compiles.
+    """Return a job that computes the task's workload for all states at once by a method of `Mechanism`. The job
+    returns the result, an array or convertible to one. Its first call compiles.
     """
     (q, v, w), tip = task.rows, task.model.names[task.tip]
     if task.workload == POSE_WORKLOAD:
@@ -263,7 +263,9 @@ def hingepair_robot_job(task: RobotTask) -> Job:
 
 
 class _JobWithReader:
-    """A job whose result is turned into an array only when results are compared, so that this is not timed."""
+    """A job that calls another job and returns its result as a _LazyArray, which is converted into an array by `read`
+    only when results are compared. The conversion is therefore not timed.
+    """
 
     def __init__(self, job: Job, read: Any) -> None:
         self._job, self._read = job, read
@@ -273,7 +275,7 @@ class _JobWithReader:
 
 
 class _LazyArray:
-    """A result that is converted into an array when NumPy asks for one."""
+    """A result that is converted into an array, by the function `read`, when NumPy asks for one."""
 
     def __init__(self, result: Any, read: Any) -> None:
         self._result, self._read = result, read
@@ -283,8 +285,8 @@ class _LazyArray:
 
 
 def prepared_robot_job(task: RobotTask) -> Job:
-    """Return a job that computes the task's workload at its first state by the result of `robot.prepare`. The result
-    is an array or convertible to one.
+    """Return a job that computes the task's workload at its first state by the function that `robot.prepare` returns.
+    The job returns the result, an array or convertible to one.
     """
     q, v, w = (row[0].copy() for row in task.rows)
     tip = task.model.names[task.tip]
@@ -354,8 +356,9 @@ def pinocchio_batch_job(task: RobotTask) -> Job:
 
 
 def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
-    """Return a job that computes the task's workload by Pinocchio, in a C++ loop over the states, and returns an
-    array with a row for each state.
+    """Compile Pinocchio's C++ loops, unless they are compiled, and return a job that computes the task's workload by
+    a C++ loop over the states. The job returns an array with a row for each state. Raise a MissingDependencyError if
+    the loops cannot be compiled.
     """
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
@@ -392,7 +395,9 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
 
 @functools.cache
 def _load_robots_library() -> Any:
-    """Compile the C++ loops over robots; return the ctypes library, cached."""
+    """Compile the C++ loops over robots; return the ctypes library. The library is cached. Raise a
+    MissingDependencyError if the compiler or a header is missing.
+    """
     library = compile_library("robots_loop.cpp")
     pointer: Any = ctypes.c_void_p
     number: Any = ctypes.c_long

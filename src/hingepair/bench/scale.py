@@ -97,8 +97,8 @@ _SWEEPS_BY_CASE_NAME: Final = {
 
 def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats: int) -> Report:
     """Measure run times of calls on NumPy and on Dask arrays of `samples` samples, with one thread and with
-    `threads`, and of sweeps, and run time and peak memory of a Dask reduction; return the report. No reduction is
-    measured if `reduction_samples` is 0.
+    `threads`, and of sweeps, and run time and peak memory of a Dask reduction; return the Report. No reduction is
+    measured if `reduction_samples` is 0. Raise a MissingDependencyError if Dask is not installed.
 
     Args:
         samples: number of samples of the calls that are compared.
@@ -143,7 +143,7 @@ def _chunk_size(samples: int) -> int:
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
     """Measure run times of velocities of a pair for `samples` samples, on NumPy and on Dask arrays, with one thread
-    and with `threads`, `repeats` times; return the table rows. The memory bandwidth limits these run times.
+    and with `threads`, `repeats` times; return a list of table rows. The memory bandwidth limits these run times.
     """
     pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
@@ -163,7 +163,7 @@ def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
 
 def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
     """Measure run times of forward dynamics of a robot for `samples` samples, on NumPy and on Dask arrays, with one
-    thread and with `threads`, `repeats` times; return the table rows. Arithmetic limits these run times.
+    thread and with `threads`, `repeats` times; return a list of table rows. Arithmetic limits these run times.
     """
     locked_positions = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}  # [m]
     robot, rng = load_robot("panda", locked=locked_positions), np.random.default_rng(52)
@@ -187,8 +187,8 @@ def _measure_beside_dask(
     repeats: int,
 ) -> list[Row]:
     """Measure run times of a plain call and of the same call on Dask arrays, with one thread and with `threads`;
-    return the table rows of the case. `make_plain_job` returns the plain call's job for a number of threads;
-    `compute_lazily` takes the Dask arrays and returns lazy results.
+    return a list of the table rows of the case. `make_plain_job` returns the plain call's job for a number of
+    threads; `compute_lazily` takes the Dask arrays and returns a list of lazy results.
 
     Args:
         case: name of the case.
@@ -250,8 +250,8 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
 
 
 def _measure_sweeps(threads: int) -> list[Row]:
-    """Measure the run time of the command `hingepair sweep` with `threads` workers on each of several sweeps,
-    including the start of its process; return the table rows.
+    """Measure once the run time of the command `hingepair sweep` with `threads` workers on each of several sweeps,
+    including the start of its process; return a list of table rows.
     """
     rows = []
     for case, (scene, output, key) in _SWEEPS_BY_CASE_NAME.items():

@@ -28,7 +28,9 @@ class FoldingCase(NamedTuple):
     outputs: tuple[str, ...] = OUTPUTS_BY_LEVEL["velocity"]
 
     def count_operations_left(self) -> int:
-        """Return the number of operations for each sample; operations done once for all samples do not count."""
+        """Return the number of operations for each sample that remain after folding. Operations that are done once
+        for all samples do not count.
+        """
         q, qd = (*self.motion, None)[:2]
         if isinstance(self.pair, PlanarPair):
             plan, arguments = plan_from_coordinates(
@@ -41,8 +43,8 @@ class FoldingCase(NamedTuple):
         return count_operations(plan, self.pair.constants, arguments.parts).per_sample
 
     def make_job(self, backend: str) -> Job:
-        """Return a job that computes the outputs by the named backend, writes them into existing arrays, and returns
-        them.
+        """Return a job that computes the outputs by the named backend into existing arrays, and returns the PairState
+        or PlanarState that holds them.
         """
         pair, motion, outputs = self
         state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
@@ -52,7 +54,7 @@ class FoldingCase(NamedTuple):
 
 def measure_folding(samples: int, repeats: int) -> Report:
     """Measure run times of velocities of `samples` samples in cases with known inputs and in the case without, by
-    each backend, `repeats` times; return the report.
+    each backend, `repeats` times; return the Report.
     """
     rows, folding_cases = [], make_folding_cases(samples)
     extra_columns = {
@@ -68,8 +70,8 @@ def measure_folding(samples: int, repeats: int) -> Report:
 
 
 def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
-    """Return a dict of cases with `samples` random samples, by a name that says what is known; in the first case
-    nothing is.
+    """Return a dict from a name to a FoldingCase of `samples` random samples. The name says what is known; in the
+    first case nothing is.
     """
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
