@@ -994,8 +994,8 @@ FAULTS = {
     ),
     "noise taken for an arc": Fault(
         "measured/circle.py",
-        "_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0",
-        "_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 0.0",
+        "_MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0",
+        "_MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 0.0",
         "measured/test_points.py::test_what_is_no_circle_is_said[little turning]",
     ),
     "biases of gyroscopes taken for known": Fault(
@@ -1072,7 +1072,7 @@ FAULTS = {
     ),
     "gross outliers that count": Fault(
         "measured/likelihood.py",
-        "gross = sizes > _MAX_COUNTED_SQUARED_RESIDUAL",
+        "gross = sizes > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT",
         "gross = sizes > np.inf",
         "measured/test_fit.py::test_outliers_that_agree_with_each_other_are_survived[swapped-soft_l1]",
     ),

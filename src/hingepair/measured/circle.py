@@ -7,6 +7,7 @@ between the clocks of the bodies takes the point off the circle where body 1 mov
 
 from __future__ import annotations
 
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -24,33 +25,27 @@ from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilt_axi
 from hingepair.measured.likelihood import (
     CHI2_MEDIAN_BY_DOF,
     MAX_CLOCK_OFFSET_STD,
-    MAX_FIRST_STEP_SAMPLES,
+    MAX_THINNED_SAMPLES_FOR_FIRST_STEPS,
     MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE,
     Loss,
     PosesAt,
     num_neighbours_to_sum,
     solve_semidefinite,
 )
-from hingepair.measured.relative_poses import MAX_CANDIDATE_RANKING_SAMPLES, RelativePoses
+from hingepair.measured.relative_poses import MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING, RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
-# Random triples of samples, each of which determines a circle.
-_NUM_SAMPLE_TRIPLES = 300
-_NUM_SAMPLE_TRIPLES_FOR_CLOCK_OFFSETS = 60  # where clock offsets are compared
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
-# Limit on the number of samples that no recording reaches.
-_UNLIMITED_SAMPLE_COUNT = 2**62
-_MAX_CIRCLE_STEPS = 60  # Gauss-Newton steps of a fit
-_NUM_ROUGH_CIRCLE_STEPS = 6  # where clock offsets are compared
-# Turn of the axis [rad]; shift of the centre and change of the radius, divided by the diameter.
-_MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP = 0.3
+_MAX_CIRCLE_FIT_ITERATIONS = 60  # Gauss-Newton steps of a fit
+# Change as `Circle.relative_change` returns it, above which a Gauss-Newton step is shortened.
+_MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP = 0.3
 _MAX_CONVERGED_CIRCLE_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
 _CIRCLE_LOSS_SCALE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
-_MAX_COUNTED_SQUARED_DISTANCE_IN_VARIANCES = 900.0  # above, samples do not count
-_MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # extents of the path across its chord: in its plane and out of it
+_MIN_SQUARED_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES = 900.0  # above, samples have no weight
+_MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # in the plane across the chord, to across the plane
 _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS = 0.02  # of residuals that are not noise: a hinge is still reported below this
-_MAX_RESAMPLING_ERROR_TO_RADIUS = 1e-6  # of exact samples moved to other instants
+_TIME_SHIFT_POSITION_ERROR_TO_RADIUS = 1e-6  # of exact samples moved by `ClockedPoses`
 _MAX_CONVERGED_CLOCK_OFFSET_STEP = 1e-6  # of the clock offset [s]
 _CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences of the results
 
@@ -68,6 +63,12 @@ class Circle(NamedTuple):
         """
         centre = self.centre + frame(self.n) @ step[2:5]
         return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
+
+    def relative_change(self, step: Float64Array) -> float:
+        """Return the largest number in a step of `moved`, after the shifts and the change of the radius were divided
+        by the diameter; rotations [rad] count as they are.
+        """
+        return max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * self.radius))
 
     @property
     def zero_direction(self) -> Float64Array:
@@ -142,30 +143,34 @@ def fit_circle(
     Raises:
         FitError: the places show no circle: fewer than four, or on a line.
     """
-    every = poses.samples if poses_at is None else _UNLIMITED_SAMPLE_COUNT
+    every = poses.samples if poses_at is None else sys.maxsize
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
-    some = poses_at(offset, MAX_FIRST_STEP_SAMPLES)
+    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_STEPS)
     circle = _circle_of_random_triples(some.p.T)
     variance, has_converged = np.inf, False
-    for most in (MAX_FIRST_STEP_SAMPLES, every) if poses.samples > MAX_FIRST_STEP_SAMPLES else (every,):
+    for most in (
+        (MAX_THINNED_SAMPLES_FOR_FIRST_STEPS, every)
+        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_STEPS
+        else (every,)
+    ):
         some = poses_at(offset, most)
-        for _ in range(_MAX_CIRCLE_STEPS):
+        for _ in range(_MAX_CIRCLE_FIT_ITERATIONS):
             residuals, change = _residuals_and_derivatives(circle, some)
             variance, weights = _variance_and_weights(residuals, some.weights, loss)
             normal = np.einsum("n,nij,nik->jk", weights, change, change)
             gradient = np.einsum("n,nij,ni->j", weights, change, residuals)
             step = -solve_semidefinite(normal, gradient)
-            turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * circle.radius))
-            share = min(1.0, _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP / max(turn, 1e-300))
+            relative_change = circle.relative_change(step)
+            share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(relative_change, 1e-300))
             circle = circle.moved(share * step)
             least = 1e-15
             if some.rates is not None:
                 delay = float(step[_NUM_CIRCLE_PARAMETERS])
                 offset += share * delay
                 some = poses_at(offset, most)
-                least = _MAX_RESAMPLING_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
+                least = _TIME_SHIFT_POSITION_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
             has_converged = bool(
-                step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_IN_STDS**2 * variance or turn < least
+                step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_IN_STDS**2 * variance or relative_change < least
             )
             if has_converged:
                 break
@@ -178,7 +183,7 @@ def fit_circle(
         float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2], 1e-300
     )
     explained = (
-        1e-12 * np.abs(some.p).max() if some.rates is None else _MAX_RESAMPLING_ERROR_TO_RADIUS * circle.radius
+        1e-12 * np.abs(some.p).max() if some.rates is None else _TIME_SHIFT_POSITION_ERROR_TO_RADIUS * circle.radius
     )
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
@@ -204,7 +209,7 @@ def fit_circle(
     good = some.p.T[(weights > 0) & ~outliers]
     widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
     if (
-        widths[1] < _MIN_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]
+        widths[1] < _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]
         and neighbour_correlations.max() <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
@@ -226,19 +231,19 @@ def fit_circle(
 
 
 def circle_misfit(poses: RelativePoses) -> float:
-    """Return how badly a circle fits the positions of a point in `poses`: the logarithm of the median squared
-    distance [m^2] from a circle found in a few steps. Raise FitError for fewer than four samples or samples on a
-    line.
+    """Return how badly a circle fits the positions of a point in the relative poses, a float: the logarithm of the
+    median squared distance [m^2] from a circle found in a few steps. Raise FitError for fewer than four samples or
+    samples on a line.
     """
-    circle = _circle_of_random_triples(poses.p.T, _NUM_SAMPLE_TRIPLES_FOR_CLOCK_OFFSETS)
-    for _ in range(_NUM_ROUGH_CIRCLE_STEPS):
+    circle = _circle_of_random_triples(poses.p.T, num_triples=60)
+    for _ in range(6):
         rest, change = _residuals_and_derivatives(circle, poses._replace(rates=None))
         size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300
         weights = 1 / (1 + (rest * rest).sum(axis=1) / (_CIRCLE_LOSS_SCALE_IN_VARIANCES * size * size))
         normal = np.einsum("n,nij,nik->jk", weights, change, change)
         step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, change, rest))
-        turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
-        circle = circle.moved(step * min(1.0, _MAX_TURN_OR_SHIFT_TO_DIAMETER_PER_STEP / max(turn, 1e-300)))
+        share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(circle.relative_change(step), 1e-300))
+        circle = circle.moved(share * step)
     rest, _ = _residuals_and_derivatives(circle, poses)
     return float(np.log(np.median((rest * rest).sum(axis=1)) + 1e-30 * poses.size**2))
 
@@ -255,7 +260,7 @@ def _variance_and_weights(
     variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2]
     sizes = sample_weights * squares / max(variance, 1e-300)
     return variance, np.where(
-        sizes > _MAX_COUNTED_SQUARED_DISTANCE_IN_VARIANCES,
+        sizes > _MIN_SQUARED_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES,
         0.0,
         sample_weights * loss(sizes / _CIRCLE_LOSS_SCALE_IN_VARIANCES)[0],
     )
@@ -288,7 +293,7 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
     return np.stack((z, size - circle.radius), axis=-1), change
 
 
-def _circle_of_random_triples(p: Float64Array, num_triples: int = _NUM_SAMPLE_TRIPLES) -> Circle:
+def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle:
     """Return the circle with the least median distance from the samples p (N, 3), among the circles through
     `num_triples` random triples of samples. Raise FitError for fewer than four samples, or if all triples are on
     lines.
@@ -308,7 +313,7 @@ def _circle_of_random_triples(p: Float64Array, num_triples: int = _NUM_SAMPLE_TR
     bb, cc = (np.einsum("ni,ni->n", v, v)[:, None] for v in (ab, ac))
     centres = a + np.cross(normal, bb * ac - cc * ab) / (-2 * area**2)[:, None]
     axes, radii = normal / area[:, None], np.linalg.norm(a - centres, axis=1)
-    judges = p[:: -(-p.shape[0] // MAX_CANDIDATE_RANKING_SAMPLES)]
+    judges = p[:: -(-p.shape[0] // MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)]
     off = judges[None] - centres[:, None]
     out = np.einsum("kni,ki->kn", off, axes)
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]
@@ -326,10 +331,10 @@ def _circle_findings(
     has_converged: bool,
     gauge: str,
 ) -> list[Finding]:
-    """Return a list of findings on a fitted circle: outliers, systematic residuals, a large standard deviation of the
-    axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are those of both residuals
-    between neighbouring samples, `is_outlier` marks samples, and `covariance` is that of the hinge in the given
-    gauge. Findings that make the hinge unreliable come first.
+    """Return a list of Finding objects on a fitted circle: outliers, systematic residuals, a large standard deviation
+    of the axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are the correlations
+    of residuals of neighbouring samples, out of the plane and in it. `is_outlier` marks samples, and `covariance` is
+    that of the hinge in the given gauge. Findings that make the hinge unreliable come first.
     """
     findings = []
     if is_outlier.any():

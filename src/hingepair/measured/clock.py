@@ -25,16 +25,16 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
 # Longest time over which a sample is moved along the smoothed motion.
-_MAX_EXTRAPOLATION_IN_TIME_STEPS = 0.75
+_MAX_SAMPLE_TIME_SHIFT_IN_MEDIAN_TIME_STEPS = 0.75
 _MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
-_MAX_OFFSET_SCAN_SAMPLES = 256  # samples that offsets are tried with
+_MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL = 256  # samples that offsets are tried with
 _MAX_SCANNED_OFFSET = 0.5  # [s]
 _MAX_SCANNED_OFFSET_TO_DURATION = 0.25  # of the recording
 _OFFSET_SCAN_STEP_TO_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
-_MIN_MENTIONED_OFFSET_IN_TIME_STEPS = 0.05  # of the usual step
-# In the logarithm of the likelihood of a sample, by which a far offset must be better than a near one.
-_MIN_LOG_LIKELIHOOD_GAIN_OF_DISTANT_OFFSET = 0.5
+_MIN_MENTIONED_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
+# By which a far offset must be better than the local optimum near 0.
+_MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_OFFSET = 0.5
 
 
 class ClockedPoses:
@@ -71,16 +71,16 @@ class ClockedPoses:
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return three arrays of equal length: the indices of usable samples of body 1, those of the samples of body
-        2 nearest in time to these at a clock offset, and the time shifts [s] from the latter to the former. If
-        `max_samples` is not None, the samples are thinned evenly to at most that many.
+        """Return three arrays of equal length: the indices of usable samples of body 1, the indices of the samples of
+        body 2 that are nearest to these in time at a clock offset, and the time shifts [s] from the samples of body 2
+        to those of body 1. If `max_samples` is not None, the samples are thinned evenly to at most that many.
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_EXTRAPOLATION_IN_TIME_STEPS * self._step)
+        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SAMPLE_TIME_SHIFT_IN_MEDIAN_TIME_STEPS * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 
@@ -150,7 +150,7 @@ class ClockedPoses:
         """Return a list with one sentence that states the clock offset. The list is empty if the size of the offset
         is below a twentieth of the median time step.
         """
-        if abs(offset) < _MIN_MENTIONED_OFFSET_IN_TIME_STEPS * self._step:
+        if abs(offset) < _MIN_MENTIONED_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
             return []
         order = "later" if offset > 0 else "earlier"
         return [
@@ -168,8 +168,8 @@ class ClockedPoses:
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
         """Scan clock offsets and return the one with the least misfit [s], the local minimum near 0, unless a distant
-        offset is clearly better. `misfit` is a function of RelativePoses that returns minus the logarithm of their
-        likelihood for a sample.
+        offset is clearly better. `misfit` is a function of RelativePoses that returns their negative log-likelihood
+        per sample.
         """
         length = float(self._t[-1] - self._t[0])
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_OFFSET_TO_DURATION * length)
@@ -181,7 +181,7 @@ class ClockedPoses:
             )
         )
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.poses_at(offset, _MAX_OFFSET_SCAN_SAMPLES) for offset in offsets]
+        trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL) for offset in offsets]
         costs = np.array([np.inf if poses.samples < MIN_PIECE_SAMPLES else misfit(poses) for poses in trials])
         place = count
         while True:
@@ -192,13 +192,16 @@ class ClockedPoses:
             place = best
         far = int(np.argmin(costs))
         return float(
-            offsets[far if costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN_OF_DISTANT_OFFSET else place]
+            offsets[
+                far if costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_OFFSET else place
+            ]
         )
 
 
-def hinge_misfit(poses: RelativePoses, known_hinge: Hinge | None) -> float:
-    """Return minus the logarithm of the likelihood of the poses for a hinge, per sample and up to a constant. If
-    `known_hinge` is None, the hinge is the closed-form hinge of the poses.
+def negative_log_likelihood_per_sample(poses: RelativePoses, known_hinge: Hinge | None) -> float:
+    """Return the negative log-likelihood of relative poses for a hinge, divided by the number of samples and without
+    additive constants, a float. The variances of the noise are estimated from the residuals. `known_hinge` is a
+    Hinge; if it is None, the hinge is fitted to the poses in closed form.
 
     A known hinge is judged by medians of the squared residuals, any other by their means.
     """

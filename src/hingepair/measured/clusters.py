@@ -12,7 +12,6 @@ from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
-_MIN_RELATIVE_DECREASE_OF_SQUARED_DISTANCES = 1e-6  # in a round, above which another round follows
 # Markers in a sample from which it has an attitude.
 _MIN_MARKERS_PER_SAMPLE = 3
 _MIN_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
@@ -179,9 +178,7 @@ def _fit_poses_and_places(
         R, S, off = _kabsch_poses(places, is_seen, cluster)
         axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
         total = float((off**2).sum())
-        if not refine_places or (
-            np.isfinite(before) and before - total <= _MIN_RELATIVE_DECREASE_OF_SQUARED_DISTANCES * before
-        ):
+        if not refine_places or (np.isfinite(before) and before - total <= 1e-6 * before):
             break
         before = total
         own = np.einsum("nji,nmj->nmi", S, places - R[:, None])

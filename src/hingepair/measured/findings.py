@@ -21,21 +21,21 @@ from hingepair.rotations.matrices import (
     rotation_vector,
 )
 
-_MAX_JOINT_SCREENING_SAMPLES = 2048  # samples that tell whether the bodies turn, and what other joint they have
-_MAX_SAMPLES_FOR_FINDINGS = 65536  # samples that findings are made of
+_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE = (
+    2048  # samples that tell whether the bodies turn, and what other joint they have
+)
+_MAX_THINNED_SAMPLES_FOR_FINDINGS = 65536  # samples that findings are made of
 # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes.
 _MIN_TURNING_ATTITUDE_SCATTER = 0.05
-_MIN_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS = 2.0  # of relative attitudes; counts where both scatters are small
+_MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS = 2.0  # of relative attitudes; counts where both scatters are small
 MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.5  # of neighbouring samples; above, residuals are not noise
 # Of r^T C^-1 r, scaled so that its median is that of noise, from which a sample is an outlier.
 MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL = 50.0
-# Residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains.
-_MAX_RELATIVE_ROUNDING_RESIDUAL = 1e-12
-_MAX_MISTAKE_TRIAL_SAMPLES = 400  # samples that mistakes are tried with
-_MAX_CORRECTED_TO_ORIGINAL_MISFIT = 0.2
-"""Misfit after the correction of a probable mistake, divided by the misfit before."""
-_MAX_CORRECTED_MISFIT = 0.1
-"""Misfit after the correction of a probable mistake [rad, parts of the bodies' distance]."""
+_MAX_THINNED_SAMPLES_PER_MISTAKE_TRIAL = 400  # samples that mistakes are tried with
+_MAX_HINGE_MISFIT_OF_CORRECTED_TO_RECORDED_POSES = 0.2
+"""`BodyPoses.misfit` after the correction of a probable mistake, divided by the misfit before."""
+_MAX_HINGE_MISFIT_OF_CORRECTED_POSES = 0.1
+"""`BodyPoses.misfit` after the correction of a probable mistake."""
 # Motion of the hinge point that is not random: a hinge is still reported below this.
 _MAX_PLAY_TO_LEVER_LENGTH = 0.02
 MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
@@ -56,7 +56,7 @@ def check_turning(poses: RelativePoses) -> None:
     """Raise FitError if body 2 does not rotate relative to body 1, or no more than by noise. `poses` are
     RelativePoses. The error's message says whether the bodies slide or are fixed.
     """
-    thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
+    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE)
     Q = thin.Q.T.reshape(-1, 3, 3)
     mean = np.median(Q, axis=0)
     if np.linalg.det(mean) < 0.1:
@@ -66,7 +66,7 @@ def check_turning(poses: RelativePoses) -> None:
     near = off[size <= 4 * np.median(size)]
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
     if spread[0] >= _MIN_TURNING_ATTITUDE_SCATTER or (
-        spread[0] >= _MIN_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS * spread[1] and spread[0] > 1e-12
+        spread[0] >= _MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS * spread[1] and spread[0] > 1e-12
     ):
         return
     p = thin.p
@@ -89,16 +89,16 @@ def judge_hinge(
     has_converged: bool,
     std: dict[str, Float64Array],
 ) -> list[Finding]:
-    """Return a list of findings on a fitted hinge: outliers (marked by `is_outlier`), a tilting axis, a moving hinge
-    point, large standard deviations (`std`, a dict with n, u1 and u2), steps that did not converge, and correlated
-    residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious tilt, further
-    checks are left out.
+    """Return a list of Finding objects on a fitted hinge: outliers (marked by `is_outlier`), a tilting axis, a moving
+    hinge point, large standard deviations (`std`, a dict with n, u1 and u2), steps that did not converge, and
+    correlated residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious
+    tilt, further checks are left out.
     """
-    every = slice(None, None, -(-poses.samples // _MAX_SAMPLES_FOR_FINDINGS))
+    every = slice(None, None, -(-poses.samples // _MAX_THINNED_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
         **{name: getattr(residuals, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
     )
-    poses, is_outlier = poses.thinned(_MAX_SAMPLES_FOR_FINDINGS), is_outlier[every]
+    poses, is_outlier = poses.thinned(_MAX_THINNED_SAMPLES_FOR_FINDINGS), is_outlier[every]
     turning = _angle_scatter(residuals.psi, residuals.weights / residuals.weights.sum())
     lever_length = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _rms_distance(poses.p))
     outliers = _outlier_findings(residuals, poses, is_outlier)
@@ -131,17 +131,17 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
     than those of most samples. No sample is marked if residuals of neighbouring samples are correlated, or if
     rounding explains the large residuals.
     """
-    is_outlier = _relative_sizes(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
+    is_outlier = _scaled_whitened_squares(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
         not is_outlier.any()
-        or max(residuals.alike) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        or max(residuals.neighbour_correlations) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
         or _residuals_are_rounding(residuals, poses, is_outlier)
     ):
         return np.zeros_like(is_outlier)
     return is_outlier
 
 
-def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
+def _scaled_whitened_squares(residuals: HingeResiduals) -> Float64Array:
     """Return the whitened squared residual of each sample (N,), scaled so that the median is that of noise with 5
     degrees of freedom.
     """
@@ -151,13 +151,13 @@ def _relative_sizes(residuals: HingeResiduals) -> Float64Array:
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
     """Return whether rounding explains the residuals of the samples that the boolean array `samples` marks."""
     largest = max(np.abs(residuals.gap[:, samples]).max() / poses.size, residuals.tilt[samples].max())
-    return bool(largest < _MAX_RELATIVE_ROUNDING_RESIDUAL)
+    return bool(largest < 1e-12)
 
 
 def _outlier_findings(
     residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
 ) -> list[Finding]:
-    """Return a list with one finding on the share of outliers, which the boolean array `is_outlier` marks, and on
+    """Return a list with one Finding on the share of outliers, which the boolean array `is_outlier` marks, and on
     whether the weights in `residuals` are reduced for them. The list is empty without outliers.
     """
     if not is_outlier.any():
@@ -170,17 +170,17 @@ def _outlier_findings(
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a list with one finding on the tilt between the hinge axes of both bodies, which says what joint the
+    """Return a list with one Finding on the tilt between the hinge axes of both bodies, which says what joint the
     motion shows if it is no hinge. The list is empty if the tilt is small. `turning` is the rms scatter of the hinge
     angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    alike = residuals.alike[0] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    is_systematic = residuals.neighbour_correlations[0] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
-    if not alike and tilt < 0.2:
+    if not is_systematic and tilt < 0.2:
         if tilt < 0.2 * turning:
             return []
         text = f"They turn by {np.degrees(turning):.2g} deg rms, little beside attitudes that are off by {degrees}."
@@ -195,7 +195,7 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
     """Return a sentence that says which joint the relative poses show instead of a hinge: two hinges in series, a
     ball joint, or neither. `tilt` [rad] is the rms tilt between the axes, `tilt_text` states it in words.
     """
-    thin = poses.thinned(_MAX_JOINT_SCREENING_SAMPLES)
+    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE)
     vectors = np.linalg.eigh(np.cov(thin.Q))
     left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
     rest = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
@@ -226,7 +226,7 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with one finding on the motion of the hinge point in the bodies, such as that of a sliding hinge
+    """Return a list with one Finding on the motion of the hinge point in the bodies, such as that of a sliding hinge
     or of small play. The list is empty if the point stays fixed in both bodies. `lever_length` [m] is the length with
     which the motion is compared.
     """
@@ -235,8 +235,8 @@ def _point_findings(
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    alike = residuals.alike[1] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
-    if size < max(1e-9 * poses.size, 0.005 * lever_length) or not (alike or size > 0.1 * lever_length):
+    is_systematic = residuals.neighbour_correlations[1] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    if size < max(1e-9 * poses.size, 0.005 * lever_length) or not (is_systematic or size > 0.1 * lever_length):
         return []
     if along > 9 * across:
         kind = _PointMotion(
@@ -251,7 +251,7 @@ def _point_findings(
             "parallel hinges one after the other, or an axis that wanders.",
             "The axis moves sideways by {size:.2g} m rms",
         )
-    elif alike:
+    elif is_systematic:
         kind = _PointMotion(
             size,
             "No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random.",
@@ -321,12 +321,15 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     quaternions), if a hinge fits far better with this mistake corrected. The list is empty if no mistake is likely.
     `body_poses` are the BodyPoses as recorded.
     """
-    every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_MISTAKE_TRIAL_SAMPLES))
+    every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_THINNED_SAMPLES_PER_MISTAKE_TRIAL))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
     misfit = poses.misfit()
     corrected_misfits = [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]
     least_misfit, text = min(corrected_misfits)
-    if least_misfit > _MAX_CORRECTED_TO_ORIGINAL_MISFIT * misfit or least_misfit > _MAX_CORRECTED_MISFIT:
+    if (
+        least_misfit > _MAX_HINGE_MISFIT_OF_CORRECTED_TO_RECORDED_POSES * misfit
+        or least_misfit > _MAX_HINGE_MISFIT_OF_CORRECTED_POSES
+    ):
         return []
     return [f"{text}: with that taken back, a hinge fits {misfit / max(least_misfit, 1e-12):.2g} times as well."]
 

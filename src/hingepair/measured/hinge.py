@@ -30,8 +30,8 @@ _MIN_AXES_COSINE_FOR_SHORTEST_TURN = -0.9
 
 
 class Hinge(NamedTuple):
-    """The axis of a hinge and a point of the axis, each in the axes of either body; n and u1 in body 1, m and u2 in
-    body 2. The direction of psi = 0 is not part of it.
+    """The axis of a hinge (a unit vector) and a point of the axis, each in the axes of both bodies: n and u1 for body
+    1, m and u2 for body 2. The direction of psi = 0 is not part of it.
     """
 
     n: Float64Array  # axis in body 1's axes, unit

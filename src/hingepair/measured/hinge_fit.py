@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
-from hingepair.measured.clock import ClockedPoses, hinge_misfit
+from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
 from hingepair.measured.findings import BodyPoses, check_turning, find_outliers, judge_hinge, probable_mistakes
 from hingepair.measured.hinge import (
     GAUGE_NAMES,
@@ -24,7 +24,7 @@ from hingepair.measured.hinge import (
 )
 from hingepair.measured.likelihood import (
     LOSS_DERIVATIVE_FUNCTION_BY_NAME,
-    MAX_PSI_ZERO_SHIFT_SAMPLES,
+    MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT,
     NUM_HINGE_PARAMETERS,
     EncoderLine,
     Estimate,
@@ -57,11 +57,11 @@ if TYPE_CHECKING:
 
 
 _RESIDUAL_REPORT_LIMIT_TO_RMS = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
-_MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT = 0.1  # below, a robust loss has made the sample an outlier
-# Samples that a start in closed form, and what is known of the clock offset, are taken from.
-_MAX_CLOSED_FORM_SAMPLES = 65536
+_MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
+# Samples for the start in closed form, and for the check that the motion determines the clock offset.
+_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM = 65536
 _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding mentions
-_AXIS_TURN_FOR_ENCODER_DERIVATIVES = 1e-5  # [rad], step of central differences of the encoder's zero
+_AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES = 1e-5  # [rad], step of central differences of the encoder's zero
 _MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
 
 
@@ -246,6 +246,7 @@ class HingeFit(Shown):
 
     @staticmethod
     def _encoder_numbers(encoder: EncoderFit) -> dict[str, Any]:
+        """Return zero, scale, noise and standard deviations of an EncoderFit as a dict for JSON."""
         numbers = {name: getattr(encoder, name) for name in ("zero", "scale", "noise")}
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
@@ -371,7 +372,7 @@ def fit(
     penalty = LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
-    estimate, clock, poses, used = _estimate(samples, used, penalty, clock_offset)
+    estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
     noise = estimate.noise
     hinge = without_bias(poses, estimate.hinge, noise).signed().in_gauge(gauge)
     line = fit_encoder_line(poses, hinge, estimate.line)
@@ -410,7 +411,7 @@ def fit(
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
-    good = ~is_outlier & (residuals.weights >= _MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT * samples.weights[used])
+    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER * samples.weights[used])
     zero = home_angle(hinge, home)
     psi = _unwrap_angles(residuals.psi - attitude_noise_share(poses, noise, line) * residuals.turn - zero, good)
     counted = psi[good] if good.any() else psi
@@ -446,8 +447,8 @@ def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
     """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the point
-    moves; return a HingeFit. The other arguments are those of `fit`, by the same names. Raise ArgumentError if an
-    encoder or noise is given, and FitError if the samples show no circle.
+    moves; return a HingeFit. `samples` holds the checked recordings; the other parameters are those of `fit`. Raise
+    ArgumentError if an encoder or noise is given, and FitError if the samples show no circle.
     """
     for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
         if value is not None:
@@ -466,7 +467,7 @@ def _fit_of_point(
     if samples.t is not None:
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
-    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_INLIER_WEIGHT_TO_GIVEN_WEIGHT * poses.weights)
+    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER * poses.weights)
     psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
@@ -559,7 +560,7 @@ def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | Non
     return [f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}."]
 
 
-def _estimate(
+def _estimate_hinge(
     samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
     """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
@@ -571,7 +572,7 @@ def _estimate(
     """
     poses = samples.poses(used)
     check_turning(poses)
-    estimate, clock = _most_likely(samples, poses, loss, clock_offset)
+    estimate, clock = _most_likely_estimate(samples, poses, loss, clock_offset)
     if clock is not None:
         poses, used = clock.poses_at(estimate.offset), np.zeros_like(used)
         used[clock.body1_rows(estimate.offset)] = True
@@ -580,7 +581,7 @@ def _estimate(
     return estimate, clock, poses, used
 
 
-def _most_likely(
+def _most_likely_estimate(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
     """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None, and the
@@ -591,16 +592,22 @@ def _most_likely(
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
-        estimate = most_likely_hinge(there, start or closed_form_hinge(there.thinned(_MAX_CLOSED_FORM_SAMPLES)), loss)
+        estimate = most_likely_hinge(
+            there, start or closed_form_hinge(there.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM)), loss
+        )
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
-        near = clock.most_likely_offset(functools.partial(hinge_misfit, known_hinge=start))
-        first = start or closed_form_hinge(clock.poses_at(near, _MAX_CLOSED_FORM_SAMPLES))
+        near = clock.most_likely_offset(functools.partial(negative_log_likelihood_per_sample, known_hinge=start))
+        first = start or closed_form_hinge(clock.poses_at(near, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM))
         estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
-        real, noisy = (at(estimate.offset, _MAX_CLOSED_FORM_SAMPLES) for at in (clock.poses_at, clock.noise_poses_at))
+        real, noisy = (
+            at(estimate.offset, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM) for at in (clock.poses_at, clock.noise_poses_at)
+        )
         if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
             return estimate, clock
-    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_MAX_CLOSED_FORM_SAMPLES)), loss), None
+    return most_likely_hinge(
+        poses, start or closed_form_hinge(poses.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM)), loss
+    ), None
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
@@ -642,15 +649,15 @@ def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Arra
     differences at a Hinge and some relative poses. The zero depends on the axes because they determine where psi = 0
     is.
     """
-    some = poses.thinned(MAX_PSI_ZERO_SHIFT_SAMPLES)
+    some = poses.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT)
     changes = []
-    for step in _AXIS_TURN_FOR_ENCODER_DERIVATIVES * np.eye(NUM_HINGE_PARAMETERS)[:4]:
+    for step in _AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES * np.eye(NUM_HINGE_PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_FOR_ENCODER_DERIVATIVES))
+        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES))
     return np.array(changes)
 
 

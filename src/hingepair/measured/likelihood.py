@@ -34,28 +34,25 @@ from hingepair.rotations.matrices import rotation_exp
 
 NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
-_MAX_VARIANCE_COMPONENT_SAMPLES = 4096  # samples that the variance components are estimated from
+_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES = 4096  # samples that the variance components are estimated from
 _MAX_FISHER_SCORING_STEPS = 25  # of the variance components
 # Least noise of positions, or of the encoder, to the mean squared residual.
-_MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
-# [rad/s] by which steps of the clock offset are converted to turns, where the length of a step is judged.
-_NOMINAL_TURN_RATE_FOR_OFFSET_STEPS = 5.0
-_ROUNDING_CLOCK_OFFSET_STEP = 1e-12  # [s]
+_MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL = 1e-3
+# [rad/s]: converts a step of the clock offset to a rotation, to judge the length of the step.
+_NOMINAL_RELATIVE_ROTATION_RATE = 5.0
 _MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
 _SAMPLES_PER_BLOCK = 2048  # samples, that fit the caches
-MAX_FIRST_STEP_SAMPLES = 16384  # samples that the first steps are taken with
-_MAX_COVARIANCE_SAMPLES = 131072  # about so many samples, in stretches, give the covariance
-_BLOCKS_PER_STRETCH = 16  # blocks of samples that follow each other
+MAX_THINNED_SAMPLES_FOR_FIRST_STEPS = 16384  # samples that the first steps are taken with
+# About so many samples, in stretches of blocks, give the covariance.
+_NOMINAL_NUM_COVARIANCE_SAMPLES = 131072
 _MIN_NUM_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
 _MAX_GAUSS_NEWTON_STEPS = 40  # of a fit
-_MAX_AXIS_TURN_OR_OFFSET_STEP = 0.3  # [rad]; of the clock offset, times the nominal turn rate
+_MAX_ROTATION_PER_GAUSS_NEWTON_STEP = 0.3  # [rad]; longer steps are shortened
 _MAX_CONVERGED_STEP_IN_STDS = 0.02  # below, the steps have converged
-_MAX_PREDICTED_STEP_IN_STDS = 0.1  # likewise of the next step
-# Steps that rounding makes: turns [rad], shifts over the bodies' largest coordinate.
-_RELATIVE_ROUNDING_STEP = 2.0**-50
-_MAX_BIAS_SAMPLES = 300  # samples that the bias is computed from
-_MIN_BIAS_IN_STDS = 0.1  # below, the bias is left
-MAX_PSI_ZERO_SHIFT_SAMPLES = 100  # samples of poses that tell by how much the zero of psi shifts
+_MAX_PREDICTED_NEXT_STEP_IN_STDS = 0.1  # likewise of the next step
+_MAX_THINNED_SAMPLES_FOR_BIAS = 300  # samples that the bias is computed from
+_MIN_CORRECTED_BIAS_IN_STDS = 0.1  # below, the bias is left
+MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT = 100  # samples of poses that tell by how much the zero of psi shifts
 _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
 # Of what noise adds to the normal matrix, from which the clock offset is shown.
 MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0
@@ -63,10 +60,10 @@ MAX_CLOCK_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not show
 _MAX_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
-_MAX_SQUARED_RESIDUAL_FOR_NOISE = 100.0
-"""Whitened squared residual from which a sample is left out of the medians that estimate the noise."""
-_MAX_COUNTED_SQUARED_RESIDUAL = 900.0
-"""Whitened squared residual from which a sample does not count in losses other than "linear"."""
+_MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE = 100.0
+"""From this size on a sample is left out of the medians that estimate the noise."""
+_MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT = 900.0
+"""From this size on a sample has no weight in losses other than "linear"."""
 CHI2_MEDIAN_BY_DOF = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-squared, by degrees of freedom
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
@@ -125,9 +122,9 @@ class SampleResiduals(NamedTuple):
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
-        """Return three values, the variance of the relative position [m^2], that of the relative attitude [rad^2],
-        and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if samples have noise
-        of their own.
+        """Return three values: the variance of the relative position [m^2], the variance of the relative attitude
+        [rad^2], and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if samples
+        have noise of their own.
         """
         if self.told is None:
             return noise.place, noise.attitude, 0.5
@@ -228,8 +225,9 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 class HingeResiduals(NamedTuple):
     """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`sizes`), weights and hinge angles of all
-    samples for a given hinge, the correlations of neighbouring residuals (`alike`, `unresolved_lag`), and the
-    covariance of the hinge's parameters.
+    samples for a given hinge, the correlations of neighbouring residuals (`neighbour_correlations`), the number of
+    samples over which residuals are still correlated (`unresolved_lag`), and the covariance of the hinge's
+    parameters.
     """
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
@@ -237,7 +235,7 @@ class HingeResiduals(NamedTuple):
     psi: Float64Array  # angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,)
     sizes: Float64Array  # r^T C^-1 r; shape (N,)
     weights: Float64Array  # given, times those of the loss; shape (N,)
-    alike: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
+    neighbour_correlations: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
     unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
     turn: Float64Array  # psi less what the encoder says, 0 where it says nothing [rad]; shape (N,)
@@ -252,38 +250,40 @@ def most_likely_hinge(
     too, from the first value `offset` [s].
     """
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
-    some = poses_at(offset, MAX_FIRST_STEP_SAMPLES)
+    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_STEPS)
     hinge, line = start, fit_encoder_line(some, start)
     noise = _estimate_noise(some, hinge, None, loss, line)
     has_converged = False
     for most in (
-        (MAX_FIRST_STEP_SAMPLES, poses.samples) if poses.samples > MAX_FIRST_STEP_SAMPLES else (poses.samples,)
+        (MAX_THINNED_SAMPLES_FOR_FIRST_STEPS, poses.samples)
+        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_STEPS
+        else (poses.samples,)
     ):
         some = poses_at(offset, most)
         for _ in range(_MAX_GAUSS_NEWTON_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -solve_semidefinite(normal, gradient)
             delay = float(step[NUM_HINGE_PARAMETERS]) if some.rates is not None else 0.0
-            turn = max(float(np.abs(step[:4]).max()), _NOMINAL_TURN_RATE_FOR_OFFSET_STEPS * abs(delay))
-            if turn > _MAX_AXIS_TURN_OR_OFFSET_STEP:
-                step *= _MAX_AXIS_TURN_OR_OFFSET_STEP / turn
+            rotation = max(float(np.abs(step[:4]).max()), _NOMINAL_RELATIVE_ROTATION_RATE * abs(delay))
+            if rotation > _MAX_ROTATION_PER_GAUSS_NEWTON_STEP:
+                step *= _MAX_ROTATION_PER_GAUSS_NEWTON_STEP / rotation
             before, hinge = hinge, hinge.moved(step[:NUM_HINGE_PARAMETERS]).balanced()
             if line is not None:
                 zero = (
                     line.zero
                     + float(step[-2])
-                    + frame_turn_angle(some.thinned(MAX_PSI_ZERO_SHIFT_SAMPLES), before, hinge)
+                    + frame_turn_angle(some.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT), before, hinge)
                 )
                 line = EncoderLine(zero, line.slope + float(step[-1]))
             if some.rates is not None:
                 offset += float(step[NUM_HINGE_PARAMETERS])
                 some = poses_at(offset, most)
-            noise = _estimate_noise(some.thinned(MAX_FIRST_STEP_SAMPLES), hinge, noise, loss, line)
+            noise = _estimate_noise(some.thinned(MAX_THINNED_SAMPLES_FOR_FIRST_STEPS), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
-            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_PREDICTED_STEP_IN_STDS
-            least = _RELATIVE_ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))
-            rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_CLOCK_OFFSET_STEP
+            quick = loss is None and size * (rotation + np.sqrt(noise.attitude)) < _MAX_PREDICTED_NEXT_STEP_IN_STDS
+            rounding_step = 2.0**-50 * np.repeat((1.0, poses.size), (4, 5))  # rotations [rad], shifts [m]
+            rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < rounding_step).all() and abs(delay) < 1e-12  # s
             has_converged = bool(size < _MAX_CONVERGED_STEP_IN_STDS or quick or rounded)
             if has_converged:
                 break
@@ -369,7 +369,7 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
     attitudes ("noise_angle") [rad], for relative poses and a fitted Hinge. `loss` is None if least squares estimated
     the noise; otherwise medians did, and the deviations are larger.
     """
-    thin = poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES)
+    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
     variances = (
         np.diagonal(covariance)
@@ -411,9 +411,12 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
     nine coordinates of noise once up and once down. Nothing is taken off that is no tenth of a standard deviation.
     """
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
-    if np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach) < _MIN_BIAS_IN_STDS:
+    if (
+        np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach)
+        < _MIN_CORRECTED_BIAS_IN_STDS
+    ):
         return hinge
-    thin = poses.thinned(_MAX_BIAS_SAMPLES)
+    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_BIAS)
     first, second = frame(hinge.n), frame(hinge.m)
     q = np.kron(first.T, second.T) @ thin.Q
     psi = np.arctan2(q[3] - q[1], q[0] + q[4])
@@ -451,7 +454,7 @@ def evaluate_hinge(
     sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
     slope: Float64Array = np.zeros(())
     scores, left = [], []
-    every = max(1, count // _MAX_COVARIANCE_SAMPLES)
+    every = max(1, count // _NOMINAL_NUM_COVARIANCE_SAMPLES)
     for k, (own, seen) in enumerate(iterate_residuals(poses, hinge, line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
@@ -461,7 +464,7 @@ def evaluate_hinge(
         if seen.turn is not None:
             turn[own] = seen.turn
         given = poses.weights[own]
-        if (k // _BLOCKS_PER_STRETCH) % every:
+        if (k // 16) % every:  # outside of the stretches of 16 blocks that give the covariance
             sizes[own] = seen.sizes(noise)
             weights[own] = given if loss is None else given * _loss_derivatives(loss, given * sizes[own])[0]
             continue
@@ -479,7 +482,7 @@ def evaluate_hinge(
         left.append(weights[own] * rows[-1])
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
-    alike = _lag_correlation(rest[:2], 1), _lag_correlation(rest[2:5], 1)
+    neighbour_correlations = _lag_correlation(rest[:2], 1), _lag_correlation(rest[2:5], 1)
     together, unresolved_lag = num_neighbours_to_sum(whole)
     added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
@@ -487,7 +490,7 @@ def evaluate_hinge(
     free = 5 * whole.shape[1] / max(5 * whole.shape[1] - slope.shape[0], 1)
     inverse = solve_semidefinite(slope, np.eye(slope.shape[0]))
     covariance = share * free * inverse @ (added @ added.T) @ inverse.T
-    return HingeResiduals(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
+    return HingeResiduals(tilt, gap, psi, sizes, weights, neighbour_correlations, covariance, unresolved_lag, turn)
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
@@ -580,7 +583,7 @@ def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Fl
     `sizes`. Both are 0 for gross outliers.
     """
     first, second = loss(sizes / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL)
-    gross = sizes > _MAX_COUNTED_SQUARED_RESIDUAL
+    gross = sizes > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
@@ -617,8 +620,8 @@ def _estimate_noise(
     if loss is None:
         attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
     else:
-        if 2 * (sizes < _MAX_SQUARED_RESIDUAL_FOR_NOISE).sum() > near.size:
-            near = sizes < _MAX_SQUARED_RESIDUAL_FOR_NOISE
+        if 2 * (sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE).sum() > near.size:
+            near = sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE
         attitude, across = (
             np.median(tilt[near]) / CHI2_MEDIAN_BY_DOF[2],
             np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
@@ -630,9 +633,9 @@ def _estimate_noise(
     noise = Noise(place, attitude)
     if loss is None:
         least = Noise(
-            max(_MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2
+            max(_MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2
         )
-        noise, _ = variance_components(poses.thinned(_MAX_VARIANCE_COMPONENT_SAMPLES), hinge, noise, least)
+        noise, _ = variance_components(poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES), hinge, noise, least)
     read = np.isfinite(turn) & near
     if line is None or not read.any():
         return noise
@@ -641,7 +644,9 @@ def _estimate_noise(
     else:
         total = float(np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
     return noise._replace(
-        encoder=max(total - noise.attitude, _MIN_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * total, (4 * UNIT_ROUNDOFF) ** 2)
+        encoder=max(
+            total - noise.attitude, _MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL * total, (4 * UNIT_ROUNDOFF) ** 2
+        )
     )
 
 

@@ -19,15 +19,15 @@ from hingepair.rotations.matrices import rotation_vector
 
 # Samples of poses that are computed at a time, which limits the memory.
 _POSE_BLOCK_SAMPLES = 4096
-_SAMPLE_PAIR_COUNT = 200  # of samples, each of which gives a hinge
-MAX_CANDIDATE_RANKING_SAMPLES = 300  # samples that tell which of several candidates is best
+_NUM_RANDOM_SAMPLE_PAIRS = 200  # each pair of samples gives a hinge
+MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING = 300  # samples that tell which of several candidates is best
 _MIN_PAIR_TURN_ANGLE = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
-    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the samples' weights and, if
-    known, the derivatives with respect to the clock offset (`rates`), the noise that the user gave (`told`), and
-    encoder readings. Samples are on the last axis.
+    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the samples' weights, the
+    largest coordinate of either body (`size`) and, if known, the derivatives with respect to the clock offset
+    (`rates`), the noise that the user gave (`told`), and encoder readings. Samples are on the last axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
@@ -35,7 +35,7 @@ class RelativePoses(NamedTuple):
     weights: Float64Array  # of the samples, all positive; shape (N,)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
     rates: Float64Array | None = None  # derivatives of Q and p by the clock offset [1/s, m/s]; shape (12, N)
-    told: Float64Array | None = None  # what is told of the noise, rows of `TOLD`; shape (3, N)
+    told: Float64Array | None = None  # noise of each sample, as `Samples.told`; shape (3, N)
     encoder: Float64Array | None = None  # reading of an encoder [rad or its own unit], NaN where none; shape (N,)
 
     @property
@@ -99,8 +99,8 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
-    judges = poses.thinned(MAX_CANDIDATE_RANKING_SAMPLES)
-    first, second = np.random.default_rng(0).choice(poses.samples, (2, _SAMPLE_PAIR_COUNT))
+    judges = poses.thinned(MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)
+    first, second = np.random.default_rng(0).choice(poses.samples, (2, _NUM_RANDOM_SAMPLE_PAIRS))
     n, m, u1, u2 = (
         np.concatenate(own)[:, :, None]
         for own in zip(

@@ -161,8 +161,9 @@ def interpolated(
     return result
 
 
-def _interpolated_columns(weights: Float64Array, near: Float64Array) -> Float64Array:
-    return np.asarray(np.einsum("ni,ni...->n...", weights, near))
+def _interpolated_columns(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
+    """Return the sums (N, ...) of `neighbours` (N, k, ...) with weights (N, k)."""
+    return np.asarray(np.einsum("ni,ni...->n...", weights, neighbours))
 
 
 def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
