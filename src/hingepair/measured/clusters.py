@@ -81,38 +81,42 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS_PER_SAMPLE:
         raise ShapeError("markers", "shape (N, M, 3) with three markers or more", f"shape {places.shape}")
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=-1))
-    used = seen.sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE
-    if not used.any():
+    is_used = seen.sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE
+    if not is_used.any():
         raise FitError("markers", "samples with three markers", "none")
-    given = None if reference is None else real_array("reference", reference).astype(np.float64)
-    if given is not None and (given.shape != places.shape[1:] or not np.isfinite(given).all()):
-        raise ArgumentError("reference", f"finite numbers of shape {places.shape[1:]}", f"shape {given.shape}")
-    own, known = np.where(seen[..., None], places, 0.0)[used], seen[used].astype(np.float64)
-    cluster = given if given is not None else _first_marker_places(own, known)
+    reference_places = None if reference is None else real_array("reference", reference).astype(np.float64)
+    if reference_places is not None and (
+        reference_places.shape != places.shape[1:] or not np.isfinite(reference_places).all()
+    ):
+        raise ArgumentError(
+            "reference", f"finite numbers of shape {places.shape[1:]}", f"shape {reference_places.shape}"
+        )
+    seen_places, is_seen = np.where(seen[..., None], places, 0.0)[is_used], seen[is_used].astype(np.float64)
+    cluster = reference_places if reference_places is not None else _first_marker_places(seen_places, is_seen)
     _check_not_on_line(cluster)
-    R, S, off, cluster = _fit_poses_and_places(own, known, cluster, given is None)
+    R, S, distances, cluster = _fit_poses_and_places(seen_places, is_seen, cluster, reference_places is None)
     size = float(np.sqrt((cluster**2).sum() / cluster.shape[0]))
-    rms = _rms_by_marker(off, known)
-    findings = _moved_marker_sentences(own, known, cluster, off, size)
+    rms = _rms_by_marker(distances, is_seen)
+    findings = _moved_marker_sentences(seen_places, is_seen, cluster, distances, size)
     whole_R, whole_S = np.full((places.shape[0], 3), np.nan), np.full((places.shape[0], 3, 3), np.nan)
-    whole_R[used], whole_S[used] = R, S
+    whole_R[is_used], whole_S[is_used] = R, S
     residuals = np.full(seen.shape, np.nan)
-    residuals[used] = np.where(known > 0, off, np.nan)
-    free = 3 * known.sum() - 6 * known.shape[0] - (3 * cluster.shape[0] - 6 if given is None else 0)
+    residuals[is_used] = np.where(is_seen > 0, distances, np.nan)
+    free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - (3 * cluster.shape[0] - 6 if reference_places is None else 0)
     return ClusterFit(
         body=motion_of_rotations(R=read_only(whole_R), S=read_only(whole_S)),
         reference=read_only(cluster),
         residuals=read_only(residuals),
         rms=read_only(rms),
-        noise=float(np.sqrt((off**2).sum() / max(free, 1.0))),
+        noise=float(np.sqrt((distances**2).sum() / max(free, 1.0))),
         ok=not findings,
         findings=tuple(findings),
     )
 
 
-def _rms_by_marker(off: Float64Array, is_seen: Float64Array) -> Float64Array:
+def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Array:
     """Return the rms distance of each marker from its place over the samples that show it [m]; (M,)."""
-    return np.asarray(np.sqrt((off**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0)))
+    return np.asarray(np.sqrt((distances**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0)))
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
@@ -175,21 +179,23 @@ def _fit_poses_and_places(
     axes = None
     before = np.inf
     for _ in range(_MAX_MARKER_PLACE_REFINEMENT_ROUNDS if refine_places else 1):
-        R, S, off = _kabsch_poses(places, is_seen, cluster)
+        R, S, distances = _kabsch_poses(places, is_seen, cluster)
         axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
-        total = float((off**2).sum())
+        total = float((distances**2).sum())
         if not refine_places or (np.isfinite(before) and before - total <= 1e-6 * before):
             break
         before = total
-        own = np.einsum("nji,nmj->nmi", S, places - R[:, None])
-        seen = is_seen.sum(axis=0)[:, None]
-        cluster = np.where(seen > 0, (is_seen[..., None] * own).sum(axis=0) / np.maximum(seen, 1.0), cluster)
+        body_places = np.einsum("nji,nmj->nmi", S, places - R[:, None])
+        num_seen = is_seen.sum(axis=0)[:, None]
+        cluster = np.where(
+            num_seen > 0, (is_seen[..., None] * body_places).sum(axis=0) / np.maximum(num_seen, 1.0), cluster
+        )
         cluster = cluster - cluster.mean(axis=0)
     if refine_places:
         turn = S[int(np.argmax(is_seen.sum(axis=1)))]
         cluster = cluster @ turn.T @ (axes if axes is not None else np.eye(3))
-        R, S, off = _kabsch_poses(places, is_seen, cluster)
-    return R, S, off, cluster
+        R, S, distances = _kabsch_poses(places, is_seen, cluster)
+    return R, S, distances, cluster
 
 
 def _moved_marker_sentences(
@@ -203,28 +209,30 @@ def _moved_marker_sentences(
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:
         return []
-    left = []
+    noise_without = []
     for marker in range(cluster.shape[0]):
         others = is_seen.copy()
         others[:, marker] = 0.0
         rows = others.sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE
         if rows.sum() < 2:
-            left.append(np.inf)
+            noise_without.append(np.inf)
             continue
-        _, _, rest, _ = _fit_poses_and_places(places[rows], others[rows], cluster, True)
+        _, _, remaining_distances, _ = _fit_poses_and_places(places[rows], others[rows], cluster, True)
         free = 3 * others[rows].sum() - 6 * rows.sum() - 3 * (cluster.shape[0] - 1) + 6
-        left.append(float(np.sqrt((rest**2).sum() / max(free, 1.0))))
+        noise_without.append(float(np.sqrt((remaining_distances**2).sum() / max(free, 1.0))))
     free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - 3 * cluster.shape[0] + 6
-    own = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
-    best = int(np.argmin(left))
-    if own < _MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER * max(
-        left[best], _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size
+    noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
+    best = int(np.argmin(noise_without))
+    if noise_with_all < _MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER * max(
+        noise_without[best], _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size
     ):
         return []
-    alike = [f"{marker}" for marker in range(len(left)) if left[marker] < 2 * left[best]]
-    if len(alike) > 1:
-        return [f"The cluster is not rigid: one of the markers {', '.join(alike)} moved against the others."]
+    suspects = [
+        f"{marker}" for marker in range(len(noise_without)) if noise_without[marker] < 2 * noise_without[best]
+    ]
+    if len(suspects) > 1:
+        return [f"The cluster is not rigid: one of the markers {', '.join(suspects)} moved against the others."]
     return [
-        f"Marker {best} moved against the others: without it they stay in place to {1e3 * left[best]:.2g} mm, with "
-        f"it to {1e3 * own:.2g} mm. Leave it out."
+        f"Marker {best} moved against the others: without it they stay in place to "
+        f"{1e3 * noise_without[best]:.2g} mm, with it to {1e3 * noise_with_all:.2g} mm. Leave it out."
     ]

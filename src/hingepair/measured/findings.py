@@ -198,13 +198,13 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
     thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE)
     vectors = np.linalg.eigh(np.cov(thin.Q))
     left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
-    rest = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
+    axes_residual = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
     no_hinge = f"They do not turn about one axis: it tilts by {tilt_text}"
-    if rest < 0.2 * tilt and sizes[1] < 0.3:
+    if axes_residual < 0.2 * tilt and sizes[1] < 0.3:
         a, b = (", ".join(f"{c:.3g}" for c in axis) for axis in (left[:, 0], right[0]))
         return (
             f"{no_hinge}. Two hinges one after the other would do, about ({a}) in body 1 and ({b}) in body 2: "
-            f"that leaves {np.degrees(rest):.2g} deg."
+            f"that leaves {np.degrees(axes_residual):.2g} deg."
         )
     off = _common_point_distance(thin)
     if off < 0.1 * _rms_distance(thin.p):
@@ -219,8 +219,8 @@ def _common_point_distance(poses: RelativePoses) -> float:
     Q = poses.Q.T.reshape(-1, 3, 3)
     rows = np.concatenate((np.broadcast_to(np.eye(3), Q.shape), -Q), axis=-1).reshape(-1, 6)
     p = poses.p.T.ravel()
-    rest = rows @ np.linalg.lstsq(rows, p)[0] - p
-    return float(np.sqrt(3 * (rest @ rest) / rest.size))
+    gaps = rows @ np.linalg.lstsq(rows, p)[0] - p
+    return float(np.sqrt(3 * (gaps @ gaps) / gaps.size))
 
 
 def _point_findings(

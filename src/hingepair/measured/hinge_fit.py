@@ -684,9 +684,9 @@ def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Arra
     marks. The first good angle is in [-pi, pi]. Each angle that is not good differs by at most pi from the last good
     angle before it.
     """
-    whole = np.unwrap(psi[is_good])
-    whole = whole - 2 * np.pi * np.rint(whole[:1] / (2 * np.pi))
+    unwrapped = np.unwrap(psi[is_good])
+    unwrapped = unwrapped - 2 * np.pi * np.rint(unwrapped[:1] / (2 * np.pi))
     if is_good.all():
-        return whole
-    before = whole[np.maximum(np.cumsum(is_good) - 1, 0)] if whole.size else np.zeros_like(psi)
+        return unwrapped
+    before = unwrapped[np.maximum(np.cumsum(is_good) - 1, 0)] if unwrapped.size else np.zeros_like(psi)
     return psi - 2 * np.pi * np.rint((psi - before) / (2 * np.pi))

@@ -453,41 +453,45 @@ def evaluate_hinge(
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
     sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
     slope: Float64Array = np.zeros(())
-    scores, left = [], []
+    score_blocks, whitened_blocks = [], []
     every = max(1, count // _NOMINAL_NUM_COVARIANCE_SAMPLES)
-    for k, (own, seen) in enumerate(iterate_residuals(poses, hinge, line)):
+    for k, (block, seen) in enumerate(iterate_residuals(poses, hinge, line)):
         q, (x, y, z) = seen.q, seen.arms
-        tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
-        gap[:2, own] = seen.gap[:2] - 0.5 * z * seen.tilt
-        gap[2, own] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
-        psi[own] = seen.psi
+        tilt[block] = np.arctan2(np.hypot(q[2], q[5]), q[8])
+        gap[:2, block] = seen.gap[:2] - 0.5 * z * seen.tilt
+        gap[2, block] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
+        psi[block] = seen.psi
         if seen.turn is not None:
-            turn[own] = seen.turn
-        given = poses.weights[own]
+            turn[block] = seen.turn
+        sample_weights = poses.weights[block]
         if (k // 16) % every:  # outside of the stretches of 16 blocks that give the covariance
-            sizes[own] = seen.sizes(noise)
-            weights[own] = given if loss is None else given * _loss_derivatives(loss, given * sizes[own])[0]
+            sizes[block] = seen.sizes(noise)
+            weights[block] = (
+                sample_weights
+                if loss is None
+                else sample_weights * _loss_derivatives(loss, sample_weights * sizes[block])[0]
+            )
             continue
         rows = seen.whitened_rows(noise)
-        sizes[own] = (rows[-1] ** 2).sum(axis=0)
-        first, second = (1.0, 0.0) if loss is None else _loss_derivatives(loss, given * sizes[own])
-        weights[own] = given * first
+        sizes[block] = (rows[-1] ** 2).sum(axis=0)
+        first, second = (1.0, 0.0) if loss is None else _loss_derivatives(loss, sample_weights * sizes[block])
+        weights[block] = sample_weights * first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         slope = (
             slope
-            + _weighted_gram_matrix(rows, weights[own])[:-1, :-1]
-            + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * (second * given**2)) @ score.T
+            + _weighted_gram_matrix(rows, weights[block])[:-1, :-1]
+            + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * (second * sample_weights**2)) @ score.T
         )
-        scores.append(weights[own] * score)
-        left.append(weights[own] * rows[-1])
-    whole = np.concatenate(scores, axis=1)
-    rest = np.concatenate(left, axis=1)
-    neighbour_correlations = _lag_correlation(rest[:2], 1), _lag_correlation(rest[2:5], 1)
-    together, unresolved_lag = num_neighbours_to_sum(whole)
-    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
-    share = whole.shape[1] / count
+        score_blocks.append(weights[block] * score)
+        whitened_blocks.append(weights[block] * rows[-1])
+    all_scores = np.concatenate(score_blocks, axis=1)
+    whitened_residuals = np.concatenate(whitened_blocks, axis=1)
+    neighbour_correlations = _lag_correlation(whitened_residuals[:2], 1), _lag_correlation(whitened_residuals[2:5], 1)
+    together, unresolved_lag = num_neighbours_to_sum(all_scores)
+    added = np.add.reduceat(all_scores, np.arange(0, all_scores.shape[1], together), axis=1)
+    share = all_scores.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
-    free = 5 * whole.shape[1] / max(5 * whole.shape[1] - slope.shape[0], 1)
+    free = 5 * all_scores.shape[1] / max(5 * all_scores.shape[1] - slope.shape[0], 1)
     inverse = solve_semidefinite(slope, np.eye(slope.shape[0]))
     covariance = share * free * inverse @ (added @ added.T) @ inverse.T
     return HingeResiduals(tilt, gap, psi, sizes, weights, neighbour_correlations, covariance, unresolved_lag, turn)
@@ -533,10 +537,10 @@ def iterate_residuals(
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
     for start in range(0, poses.samples, _SAMPLES_PER_BLOCK):
-        own = slice(start, min(start + _SAMPLES_PER_BLOCK, poses.samples))
-        q, p = turned @ poses.Q[:, own], first.T @ poses.p[:, own]
+        block = slice(start, min(start + _SAMPLES_PER_BLOCK, poses.samples))
+        q, p = turned @ poses.Q[:, block], first.T @ poses.p[:, block]
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
-        told = None if poses.told is None else poses.told[:, own]
+        told = None if poses.told is None else poses.told[:, block]
         arms = lever1 + arm if told is None else 2 * (told[2] * lever1 + (1 - told[2]) * arm)
         stretch = 1 / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
         tilt = q[2:6:3] * stretch
@@ -547,7 +551,7 @@ def iterate_residuals(
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
         seen = SampleResiduals(q, p, arms, tilt, gap, told=told)
         if poses.rates is not None:
-            dq, dp = turned @ poses.rates[:9, own], first.T @ poses.rates[9:, own]
+            dq, dp = turned @ poses.rates[:9, block], first.T @ poses.rates[9:, block]
             delayed = np.empty((6, q.shape[1]))
             delayed[:2] = dq[2:6:3] * stretch
             delayed[2:5] = -dp - (dq.reshape(3, 3, -1) * lever2).sum(axis=1)
@@ -557,9 +561,9 @@ def iterate_residuals(
             delayed[5] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
             seen = seen._replace(delayed=delayed)
         if poses.encoder is not None and line is not None:
-            reading = poses.encoder[own]
+            reading = poses.encoder[block]
             seen = seen._replace(reading=reading, turn=_encoder_residual(seen.psi, reading, line), slope=line.slope)
-        yield own, seen
+        yield block, seen
 
 
 def _normal_equations(
@@ -570,8 +574,8 @@ def _normal_equations(
     (None means least squares). `line` is the EncoderLine or None.
     """
     total: Float64Array = np.zeros(())
-    for own, seen in iterate_residuals(poses, hinge, line):
-        rows, weights = seen.whitened_rows(noise), poses.weights[own]
+    for block, seen in iterate_residuals(poses, hinge, line):
+        rows, weights = seen.whitened_rows(noise), poses.weights[block]
         if loss is not None:
             weights = weights * _loss_derivatives(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
         total = total + _weighted_gram_matrix(rows, weights)
@@ -607,14 +611,14 @@ def _estimate_noise(
     The variance of positions is what the gaps show beyond the effect of the attitudes.
     """
     parts = []
-    for own, seen in iterate_residuals(poses, hinge, line):
+    for block, seen in iterate_residuals(poses, hinge, line):
         sizes = np.zeros(seen.q.shape[1]) if loss is None or previous_noise is None else seen.sizes(previous_noise)
         place, attitude, _ = seen.variances(Noise(1.0, 1.0))
         tilt, gap = (seen.tilt**2).sum(axis=0) / attitude, (seen.gap**2).sum(axis=0) / place
         turn = np.full_like(tilt, np.nan) if poses.encoder is None or seen.turn is None else seen.turn**2
-        turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[own])] = np.nan
+        turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[block])] = np.nan
         parts.append((tilt, gap, seen.gap_variance_by_attitude / place, turn, sizes))
-    tilt, gap, spread, turn, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
+    tilt, gap, spread, turn, sizes = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
     weights = poses.weights
     near = np.ones(weights.size, dtype=bool)
     if loss is None:
@@ -662,14 +666,14 @@ def variance_components(
     1992, 8.3).
     """
     squares, places, attitudes = [], [], []
-    for own, seen in iterate_residuals(poses, hinge):
+    for block, seen in iterate_residuals(poses, hinge):
         place, attitude, share = (np.broadcast_to(x, seen.p.shape[1]) for x in seen.variances(Noise(1.0, 1.0)))
         w = np.stack((-seen.arms[1], seen.arms[0], np.zeros_like(place)), axis=-1)
         p, b = seen.p.T, (share * (1 - share))[:, None, None]
         matrix = b * ((p * p).sum(axis=1)[:, None, None] * np.eye(3) - p[:, :, None] * p[:, None])
         values, axes = np.linalg.eigh(matrix + w[:, :, None] * w[:, None] / 4)
         gap = np.einsum("nij,in->jn", axes, seen.gap)
-        weights = poses.weights[own]
+        weights = poses.weights[block]
         squares += [*(weights * gap**2), *(weights * seen.tilt**2)]
         places += [*np.broadcast_to(place, gap.shape), *np.zeros((2, place.size))]
         attitudes += [*(attitude * np.maximum(values.T, 0.0)), *np.broadcast_to(attitude, (2, attitude.size))]

@@ -63,15 +63,17 @@ def compute_relative_poses(
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
     for start in range(0, count, _POSE_BLOCK_SAMPLES):
-        own = slice(start, start + _POSE_BLOCK_SAMPLES)
-        first, second = (S[own].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
-        place1, place2 = (R[own].T.astype(np.float64, order="C") for R in (R1, R2))
+        block = slice(start, start + _POSE_BLOCK_SAMPLES)
+        first, second = (S[block].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
+        place1, place2 = (R[block].T.astype(np.float64, order="C") for R in (R1, R2))
         size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
         apart = place2 - place1
         for i in range(3):
-            p[i, own] = first[i] * apart[0] + first[3 + i] * apart[1] + first[6 + i] * apart[2]
+            p[i, block] = first[i] * apart[0] + first[3 + i] * apart[1] + first[6 + i] * apart[2]
             for j in range(3):
-                Q[3 * i + j, own] = first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
+                Q[3 * i + j, block] = (
+                    first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
+                )
     return RelativePoses(Q, p, weights, size)
 
 
@@ -102,8 +104,8 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
     judges = poses.thinned(MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)
     first, second = np.random.default_rng(0).choice(poses.samples, (2, _NUM_RANDOM_SAMPLE_PAIRS))
     n, m, u1, u2 = (
-        np.concatenate(own)[:, :, None]
-        for own in zip(
+        np.concatenate(vectors)[:, :, None]
+        for vectors in zip(
             [each[None] for each in closed_form_hinge(poses)],
             _hinges_of_sample_pairs(poses, first, second),
             strict=True,
@@ -126,14 +128,14 @@ def _hinges_of_sample_pairs(
     and `second` are the indices of the samples of each pair. Pairs between which body 2 turns by less than a degree
     are left out.
     """
-    Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
-    turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
+    Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
+    turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    kept = angle > _MIN_PAIR_TURN_ANGLE
-    Q, angle = Q[kept], angle[kept]
-    n = turn[kept] / angle[:, None]
-    p = poses.p.T[first[kept]]
-    apart = p - poses.p.T[second[kept]]
+    is_turned = angle > _MIN_PAIR_TURN_ANGLE
+    Q, angle = Q[is_turned], angle[is_turned]
+    n = turn[is_turned] / angle[:, None]
+    p = poses.p.T[first[is_turned]]
+    apart = p - poses.p.T[second[is_turned]]
     apart = apart - (apart * n).sum(axis=-1, keepdims=True) * n
     lever = -(apart + np.cross(n, apart) / np.tan(angle / 2)[:, None]) / 2
     back = np.swapaxes(Q, -1, -2)

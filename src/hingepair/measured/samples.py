@@ -76,8 +76,8 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit`, given by the same names, and return them as Samples, arrays of one length. Raise
-    ArgumentError that names the first argument that cannot be used.
+    """Check the arguments of `fit`, which have the same names, and return them as Samples, arrays of one length.
+    Raise an ArgumentError that names the first argument that cannot be used.
     """
     arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
     is_point = body2.S is None
@@ -92,21 +92,21 @@ def checked_samples(
         finite_number("clock_offset", clock_offset)
         if time is None:
             raise ArgumentError("t", "instants beside clock_offset", None)
-    given = _checked_weights(weights, shape[0])
-    tails = {"R": (3,), "S": (3, 3)}
-    whole = {name: np.broadcast_to(array, (*shape, *tails[name[0]])) for name, array in arrays.items()}
+    sample_weights = _checked_weights(weights, shape[0])
+    sample_shapes = {"R": (3,), "S": (3, 3)}
+    full_arrays = {name: np.broadcast_to(array, (*shape, *sample_shapes[name[0]])) for name, array in arrays.items()}
     known = {digit: np.ones(shape, dtype=bool) for digit in "12"}
-    known["1"] &= given > 0
-    for name, array in whole.items():
+    known["1"] &= sample_weights > 0
+    for name, array in full_arrays.items():
         if not np.isfinite(array.sum()):  # one pass where nothing is missing
             known[name[1]] &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
     told, told_noise = _checked_noise(noise1, noise2, shape)
     return Samples(
         t=time,
-        **whole,
+        **full_arrays,
         known1=known["1"],
         known2=known["2"],
-        weights=given,
+        weights=sample_weights,
         told=told,
         told_noise=told_noise,
         is_point=is_point,
