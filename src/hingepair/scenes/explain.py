@@ -10,7 +10,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
 from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, PART_NAMES_BY_COORDINATE_ARRAY
-from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS, KnownMotion
+from hingepair.scenes.known_motion import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
 _DESCRIPTION_BY_STEP_NAME = {
@@ -98,7 +98,7 @@ def explain(
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
-        (f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates", reasons[i]) for i in range(motion.level, 2)
+        (f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(motion.level, 2)
     ]
     if operations.folded:
         skipped.append(

@@ -19,7 +19,7 @@ from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
-from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
+from hingepair.scenes.integrated_motion import integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates
 from hingepair.scenes.motion import Motion, euler_axes_phrase
 from hingepair.scenes.tables import Table
@@ -162,7 +162,7 @@ def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
     one function. Raise a SceneError for unknown keys and bad values.
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
-    table.check_keys((*INTEGRATION_OPTION_KEYS, "tol", "omega1", "psi_dot", "constants", *start_keys))
+    table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))
     axes = start_keys[:2] if planar else start_keys[:3]
     omega = (
         replace(table, values={"omega1": table.values.get("omega1")}) if planar else table.entries("omega1", 3, "t")

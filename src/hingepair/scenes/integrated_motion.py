@@ -19,9 +19,6 @@ from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motion import Motion
 from hingepair.scenes.tables import Table
 
-INTEGRATION_OPTION_KEYS: Final = ("psi_0", "method")
-"""Keys that every integrated motion may have in its table; in space also S1_0 and frame, in the plane phi_0."""
-
 _MOTION_KEY_BY_RATE_ARGUMENT: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
 """Key of the table [motion] by the name that messages of `integrate` give to a rate."""
 

@@ -32,13 +32,15 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-DERIVATIVE_ORDINALS = ("first", "second")
-"""Orders of the derivatives of the coordinates, in words."""
-_BODY1_AND_HINGE_NAMES_BY_ORDER = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
+_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER = (
+    ("R1", "S1", "psi"),
+    ("v1", "omega1", "psid"),
+    ("a1", "alpha1", "psidd"),
+)
 """Names of body 1's position and attitude and of the hinge angle, and of their derivatives by order."""
-_POSE_OUTPUT_NAMES = ("R1", "S1", "R2", "S2")
+_BOTH_BODIES_POSE_OUTPUT_NAMES = ("R1", "S1", "R2", "S2")
 """Outputs of forward kinematics with the positions and attitudes of both bodies."""
-_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
+_BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
 """Outputs of forward kinematics with the angular velocities of both bodies."""
 
 
@@ -134,13 +136,13 @@ class MotionByCoordinates:
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
             return MotionByBody1(body1, tuple(hinge))
-        names = [name for part in _BODY1_AND_HINGE_NAMES_BY_ORDER[: self.level + 1] for name in part[:2]]
+        names = [name for part in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1] for name in part[:2]]
         arrays = self.forward_kinematics(pair, tuple(names)).arrays()
         return motion_by_body1(
             arrays
             | {
                 part[2]: self._column(i, -1)
-                for i, part in enumerate(_BODY1_AND_HINGE_NAMES_BY_ORDER[: self.level + 1])
+                for i, part in enumerate(_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1])
             }
         )
 
@@ -150,7 +152,7 @@ class MotionByCoordinates:
         """
         if self.sequence:
             arrays = self.forward_kinematics(
-                pair, _POSE_OUTPUT_NAMES + _ANGULAR_VELOCITY_OUTPUT_NAMES * bool(self.level)
+                pair, _BOTH_BODIES_POSE_OUTPUT_NAMES + _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES * bool(self.level)
             ).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
@@ -223,7 +225,7 @@ class MotionByBody1:
         """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
         0, velocities and psi' for 1, accelerations and psi'' for 2.
         """
-        place, turning, angle = _BODY1_AND_HINGE_NAMES_BY_ORDER[order]
+        place, turning, angle = _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[order]
         body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
             body1_arrays[turning] = getattr(self.body1, turning[:-1])
@@ -271,9 +273,11 @@ class MotionByBody1:
         psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if not self.level:
-            return self.forward_kinematics(pair, _POSE_OUTPUT_NAMES).arrays()
+            return self.forward_kinematics(pair, _BOTH_BODIES_POSE_OUTPUT_NAMES).arrays()
         W1, _ = angular_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _POSE_OUTPUT_NAMES + _ANGULAR_VELOCITY_OUTPUT_NAMES).arrays() | {
+        return self.forward_kinematics(
+            pair, _BOTH_BODIES_POSE_OUTPUT_NAMES + _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES
+        ).arrays() | {
             "psid": self.hinge[1],
             "W1": np.asarray(W1),
         }
@@ -295,12 +299,17 @@ def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
     """Return the MotionByBody1 of arrays by name: R1, S1, psi and, as far as known, v1, omega1, psid, a1, alpha1,
     psidd. Its derivatives go up to the highest order of which all three arrays are present.
     """
-    level = max(i for i, names in enumerate(_BODY1_AND_HINGE_NAMES_BY_ORDER) if array_by_name.keys() >= {*names})
+    level = max(
+        i for i, names in enumerate(_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER) if array_by_name.keys() >= {*names}
+    )
     arrays = {
-        name[:-1]: array_by_name[name] for names in _BODY1_AND_HINGE_NAMES_BY_ORDER[: level + 1] for name in names[:2]
+        name[:-1]: array_by_name[name]
+        for names in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: level + 1]
+        for name in names[:2]
     }
     return MotionByBody1(
-        BodyMotion(**arrays), tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_NAMES_BY_ORDER[: level + 1])
+        BodyMotion(**arrays),
+        tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: level + 1]),
     )
 
 

@@ -18,20 +18,17 @@ from hingepair.plans.steps import COLUMN_NAMES_BY_COORDINATE_NAMES, SPATIAL_COOR
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
-SMOOTHING_HINT_NOISE_TO_RMS: Final = 0.01
-"""Ratio of a torque's noise to its root mean square above which a note recommends smoothing."""
-_MAX_ROUNDING_NOISE_TO_LARGEST_LOG_SAMPLE: Final = (
-    1e-12  # noise of samples, in parts of the largest, that is taken for rounding
-)
-_MAX_SAMPLES_FOR_NOISE_ESTIMATE: Final = 100_000  # consecutive samples from which the noise of a log is estimated
+MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT: Final = 0.01
+"""Ratio of the noise of a joint's torque or force to its root mean square above which a note recommends smoothing."""
 
 
 def noise_rows(count: int) -> slice:
     """Return the slice of the samples from which the noise of a log with `count` samples is estimated: at most
     100,000 in the middle.
     """
-    first = max(0, (count - _MAX_SAMPLES_FOR_NOISE_ESTIMATE) // 2)
-    return slice(first, first + _MAX_SAMPLES_FOR_NOISE_ESTIMATE)
+    max_count = 100_000
+    first = max(0, (count - max_count) // 2)
+    return slice(first, first + max_count)
 
 
 def finite_rms(values: Float64Array) -> Float64Array:
@@ -158,7 +155,8 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
     if not residuals.size:
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(residuals**2)))
-    if size <= _MAX_ROUNDING_NOISE_TO_LARGEST_LOG_SAMPLE * float(np.abs(samples).max()):
+    max_rounding = 1e-12 * float(np.abs(samples).max())
+    if size <= max_rounding:
         return 0.0, 0.0
     _, _, *weights = next(stencils(t, order))
     first, second = (float(np.sqrt(np.median((one**2).sum(axis=1)))) for one in weights)

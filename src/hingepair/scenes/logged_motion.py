@@ -34,7 +34,7 @@ from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.scenes.integrated_motion import INTEGRATION_OPTION_KEYS, integrate_motion
+from hingepair.scenes.integrated_motion import integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.log_noise import derivative_noise
 from hingepair.scenes.motion import Motion, PairMotionSource, euler_axes_phrase
@@ -68,16 +68,16 @@ class LogLayout(NamedTuple):
     Attributes:
         arrays: names of the columns of each array, by the name of the array.
         columns: names of all columns.
-        angles: names of the arrays and columns that hold angles.
-        results: beginnings (up to the first `_`) of the names of columns that hold results.
-        written: command that writes such a log, for messages.
+        angle_names: names of the arrays and columns that hold angles.
+        result_prefixes: beginnings (up to the first `_`) of the names of columns that hold results.
+        writing_hint: clause for messages with the command that writes such a log.
     """
 
     arrays: Mapping[str, tuple[str, ...]]
     columns: tuple[str, ...]
-    angles: frozenset[str]
-    results: frozenset[str]
-    written: str
+    angle_names: frozenset[str]
+    result_prefixes: frozenset[str]
+    writing_hint: str
 
     def columns_of(self, name: str) -> tuple[str, ...]:
         """Return the names of the columns that form the array `name`; a name of no array is returned as a single
@@ -94,16 +94,16 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
-_POSITION_NAMES_BY_ORDER = ("R1", "v1", "a1")
+_POSITION_NAMES_BY_DERIVATIVE_ORDER = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE_ANGLE_NAMES_BY_ORDER = ("psi", "psid", "psidd")
+_HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_EULER_ANGLE_NAMES_BY_ORDER = ("phi", "phid", "phidd")
+_EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
-_QUATERNION_AND_RATE_NAMES_BY_ORDER = ("quat_xyzw", "omega1", "alpha1")
+_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_SMOOTHING_HINT_DERIVATIVE_NOISE_TO_RMS: Final = 0.1  # of a derivative's rms: noise above it is told of
-_MIN_INSTANT_READ_AS_LONG_DOUBLE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
+_MIN_DERIVATIVE_NOISE_TO_RMS_FOR_SMOOTHING_HINT: Final = 0.1
+"""Ratio of the noise of a derivative to its root mean square above which a note recommends smoothing."""
 
 
 def read_log(table: Table, folder: Path) -> Motion:
@@ -112,15 +112,15 @@ def read_log(table: Table, folder: Path) -> Motion:
     bad keys or columns.
     """
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
-    start = (*INTEGRATION_OPTION_KEYS, "S1_0")
-    for key in start:
+    integration_keys = ("psi_0", "method", "S1_0")
+    for key in integration_keys:
         if key in table.values and not integrated:
             table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and (integrated or not completed):
         wanted = "differentiate = true" if not integrated else "a log with angles"
         table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
-    keys = start if integrated else ("sequence", "unwrap")
+    keys = integration_keys if integrated else ("sequence", "unwrap")
     table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", *keys))
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
@@ -157,7 +157,7 @@ def _velocity_frame(table: Table, log: Log) -> str:
     """
     rates = [
         column
-        for name in _QUATERNION_AND_RATE_NAMES_BY_ORDER[1:]
+        for name in _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[1:]
         for column in COLUMN_NAMES_BY_LOG_ARRAY[name]
         if column in log.columns
     ]
@@ -211,7 +211,7 @@ class Log(NamedSource):
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, FINITE_DIFFERENCE_ACCURACY_ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > _MIN_INSTANT_READ_AS_LONG_DOUBLE
+            late = kind == ".csv" and abs(t[0]) > 1e5  # s: doubles of this size are rounded to more than 1e-11 s
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
@@ -231,8 +231,8 @@ class Log(NamedSource):
         for i, name in enumerate(read_names):
             if name not in known_names:
                 got = f"an unknown column{nearest(name, known_names)}"
-                if name.partition("_")[0] in self.layout.results:
-                    got = f"a column of results, which are no motion ({self.layout.written})"
+                if name.partition("_")[0] in self.layout.result_prefixes:
+                    got = f"a column of results, which are no motion ({self.layout.writing_hint})"
                 expected = f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out"
                 self.refuse(repr(name[:40]), expected, got)
             if name in read_names[:i]:
@@ -314,7 +314,7 @@ class Log(NamedSource):
             noises = derivative_noise(self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER)
             return (np.asarray(omega), np.asarray(alpha)), noises
         columns = list(array.T)
-        if name in self.layout.angles:
+        if name in self.layout.angle_names:
             named = zip(self.layout.columns_of(name), columns, strict=True)
             columns = [self._unwrap_angles(*own) for own in named]
         derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ACCURACY_ORDER) for column in columns]
@@ -352,7 +352,7 @@ class Log(NamedSource):
         noisy = {
             name: share
             for name, share in self.noise_shares.items()
-            if share > _SMOOTHING_HINT_DERIVATIVE_NOISE_TO_RMS
+            if share > _MIN_DERIVATIVE_NOISE_TO_RMS_FOR_SMOOTHING_HINT
         }
         if not noisy:
             return ""
@@ -378,18 +378,21 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     axes. Raise a SceneError if a quantity lacks a derivative of that order.
     """
     attitude = _attitude_names(log)
-    if attitude is _QUATERNION_AND_RATE_NAMES_BY_ORDER and "sequence" in table.values:
+    if attitude is _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {
         names: log.quantity_and_rates(names)
-        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
+        for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
-    for name in (*(COLUMN_NAMES_BY_LOG_ARRAY["phi"] if attitude is _EULER_ANGLE_NAMES_BY_ORDER else ()), "psi"):
+    for name in (
+        *(COLUMN_NAMES_BY_LOG_ARRAY["phi"] if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER else ()),
+        "psi",
+    ):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
-    if attitude is _EULER_ANGLE_NAMES_BY_ORDER:
+    if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER:
         rows = tuple(_seven_coordinates([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
         source, how = MotionByCoordinates(log.t.size, rows, sequence), euler_axes_phrase(sequence)
     else:
@@ -397,7 +400,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            rate_names = [name for name in _QUATERNION_AND_RATE_NAMES_BY_ORDER[start:] if name in arrays]
+            rate_names = [name for name in _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[start:] if name in arrays]
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
@@ -417,7 +420,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "t",
         *(
             column
-            for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
+            for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
             for column in COLUMN_NAMES_BY_LOG_ARRAY.get(names[0], names[:1])
         ),
     }
@@ -427,13 +430,13 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
     table.check_keys(
-        ("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_ANGLE_NAMES_BY_ORDER else ()))
+        ("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER else ()))
     )
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
-        for names in (_POSITION_NAMES_BY_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_ORDER)
+        for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
     )
-    if attitude is _EULER_ANGLE_NAMES_BY_ORDER:
+    if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
@@ -441,7 +444,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         warnings.simplefilter("always", MeasurementWarning)
         body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_NAMES_BY_ORDER}
+    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -469,8 +472,8 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     from the Table [motion]. Raise a SceneError for columns other than those of rates and R1, and for rates that are
     not finite.
     """
-    rates = (_QUATERNION_AND_RATE_NAMES_BY_ORDER[1:], _HINGE_ANGLE_NAMES_BY_ORDER[1:])
-    quantities = (name for names in (_POSITION_NAMES_BY_ORDER, *rates) for name in names)
+    rates = (_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[1:], _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER[1:])
+    quantities = (name for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
@@ -480,13 +483,13 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
         name, array = next(iter(part.items()))
         log.check_finite(name, array, "integrated")
     position = log.quantity_and_rates(
-        _POSITION_NAMES_BY_ORDER,
+        _POSITION_NAMES_BY_DERIVATIVE_ORDER,
         required=any(
             column in log.columns for column in (*COLUMN_NAMES_BY_LOG_ARRAY["v1"], *COLUMN_NAMES_BY_LOG_ARRAY["a1"])
         ),
     )
     if not position:
-        position = dict.fromkeys(_POSITION_NAMES_BY_ORDER, np.zeros((log.t.size, 3)))
+        position = dict.fromkeys(_POSITION_NAMES_BY_DERIVATIVE_ORDER, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     _velocity_frame(table, log)
@@ -509,9 +512,9 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
     """
     euler = any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["phi"])
     attitude_names, other_names = (
-        (_EULER_ANGLE_NAMES_BY_ORDER, _QUATERNION_AND_RATE_NAMES_BY_ORDER)
+        (_EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER, _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER)
         if euler
-        else (_QUATERNION_AND_RATE_NAMES_BY_ORDER, _EULER_ANGLE_NAMES_BY_ORDER)
+        else (_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER, _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
     )
     if not euler and not any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""

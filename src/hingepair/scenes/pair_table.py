@@ -44,13 +44,15 @@ def _read_shape(table: Table) -> Shape:
     """Return the Box, Cylinder or Sphere of a table. Raise a SceneError unless it has exactly one of the keys box,
     cylinder, sphere.
     """
-    named = [kind for kind in _CLASS_AND_KEY_READERS_BY_SHAPE_KIND if kind in table.values]
+    named = [kind for kind in _CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND if kind in table.values]
     if len(named) != 1:
         table.refuse(
-            "", f"one of {', '.join(_CLASS_AND_KEY_READERS_BY_SHAPE_KIND)}", ", ".join(named) or "none of them"
+            "",
+            f"one of {', '.join(_CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND)}",
+            ", ".join(named) or "none of them",
         )
     (kind,) = named
-    make, size, keys = _CLASS_AND_KEY_READERS_BY_SHAPE_KIND[kind]
+    make, size, keys = _CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return construct_from_table(table, make, {size: values.pop(kind), **values})
 
@@ -59,12 +61,14 @@ def read_body(table: Table, key: str) -> Body:
     """Return the Body (mass properties and shapes) that the table under `key` of a Table describes. Raise a
     SceneError for bad keys or values.
     """
-    own = table.table(key)
-    return construct_from_table(own, Body, own.read(READER_BY_BODY_KEY))
+    body_table = table.table(key)
+    return construct_from_table(body_table, Body, body_table.read(READER_BY_BODY_KEY))
 
 
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
-_CLASS_AND_KEY_READERS_BY_SHAPE_KIND: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
+_CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND: Final[
+    Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
+] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,

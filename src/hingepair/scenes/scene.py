@@ -52,11 +52,6 @@ _PAIR_SCENE_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "ou
 """Keys and tables that the file of a scene of a pair may have."""
 _MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
-_DERIVATIVE_ORDER_BY_OUTPUT_STEM = {
-    **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
-    **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
-}
-"""Derivatives that an output needs, by its name without the number of the body; others need none."""
 COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
 _ATTITUDE_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
@@ -483,13 +478,13 @@ class Scene(SampledScene):
         and angles that look like degrees. The whole motion is evaluated for this.
         """
         notes = self.note_collector()
-        for part in self.blocks(("psi",)):
-            notes.add(part)
+        for block in self.blocks(("psi",)):
+            notes.add(block)
         return notes.sentences()
 
-    def note_collector(self) -> SceneNotes:
-        """Return a SceneNotes, which collects notes from blocks of results."""
-        return SceneNotes(self)
+    def note_collector(self) -> SceneNoteCollector:
+        """Return a SceneNoteCollector, which collects notes from blocks of results."""
+        return SceneNoteCollector(self)
 
     def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
         """Return the output names as a tuple. For None return the default outputs of the scene, which may be None
@@ -524,7 +519,7 @@ class Scene(SampledScene):
         return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
 
 
-class SceneNotes:
+class SceneNoteCollector:
     """Collector of notes on a pair's scene that is evaluated in blocks: on passed limits, kinks and angles that look
     like degrees.
     """
@@ -536,14 +531,14 @@ class SceneNotes:
         self._psid = None if rate is None else LimitCounter("psi'", (-rate, rate), unit_of("psid"))
         self._kinks = 0
 
-    def add(self, part: SceneResult) -> None:
+    def add(self, block: SceneResult) -> None:
         """Update the counts of kinks and of instants outside limits with one block of results, a SceneResult; the
         blocks must come in order of time.
         """
-        self._kinks += self._scene.motion.count_kinks(part.first, part.first + len(part.t))
-        self._psi.add(part.t, part.known.psi)
+        self._kinks += self._scene.motion.count_kinks(block.first, block.first + len(block.t))
+        self._psi.add(block.t, block.known.psi)
         if self._psid is not None:
-            self._psid.add(part.t, part.known.hinge_angle(1))
+            self._psid.add(block.t, block.known.hinge_angle(1))
 
     def sentences(self) -> tuple[str, ...]:
         """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
@@ -748,4 +743,7 @@ def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
 
 def _output_level(output: str) -> int:
     """Return the derivative order (0, 1 or 2) that an output needs, by its name."""
-    return _DERIVATIVE_ORDER_BY_OUTPUT_STEM.get(output.rstrip("12"), POSE)
+    quantity = output.rstrip("12")
+    if quantity in {"v", "omega", "qd", "psid"}:
+        return VELOCITY
+    return ACCELERATION if quantity in {"a", "alpha", "qdd", "psidd"} else POSE

@@ -32,7 +32,6 @@ _UNIT_POLYNOMIAL_COEFFS_BY_PROFILE: Final = {
     "quintic": (0, 0, 0, 10, -15, 6),
 }
 """Coefficients of the way from 0 to 1 in the time from 0 to 1."""
-_ROUNDING_REL_TOLERANCE: Final = 1e-9  # relative: smaller jumps and excesses are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,9 +76,8 @@ class WayPoints:
         for polynomial_coefficients, length in zip(derived, np.diff(self.breaks), strict=False):
             slope = np.polynomial.Polynomial(polynomial_coefficients).deriv()
             roots = slope.roots() if np.any(slope.coef) else np.empty(0)
-            inner = roots.real[
-                (np.abs(roots.imag) < _ROUNDING_REL_TOLERANCE * length) & (roots.real > 0) & (roots.real < length)
-            ]
+            is_real = np.abs(roots.imag) < 1e-9 * length  # smaller imaginary parts are rounding
+            inner = roots.real[is_real & (roots.real > 0) & (roots.real < length)]
             at = np.concatenate(([0.0, length], inner))
             largest = max(
                 largest,
@@ -103,7 +101,7 @@ class WayPoints:
             derived = _derived(self.coefficients, k)
             after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
             most = (np.abs(derived[:-1]) * lengths[:, None] ** np.arange(derived.shape[1])).sum(axis=1).max()
-            kinked |= np.abs(after - before) > _ROUNDING_REL_TOLERANCE * most
+            kinked |= np.abs(after - before) > 1e-9 * most  # smaller jumps are rounding
         return kinked
 
 
@@ -131,7 +129,7 @@ def interpolate_way_points(
         if profile == "linear" and k == 2 and limit < math.inf:
             raise ArgumentError(name, "no such limit of a linear profile, whose speed jumps", limit)
         largest = way_points.max_abs_derivative(k)
-        if largest > limit * (1 + _ROUNDING_REL_TOLERANCE):
+        if largest > limit * (1 + 1e-9):  # a smaller excess is rounding
             expected = f"at least {largest:.6g}, which this profile needs between these points"
             raise ArgumentError(name, expected, limit)
     return way_points

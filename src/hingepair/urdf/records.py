@@ -31,14 +31,14 @@ SLIDER_JOINT_TYPES = ("prismatic",)
 # A number as URDF writes it.
 _URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-SIZE_DEFAULTS_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+SIZE_ATTRIBUTE_DEFAULTS_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
 
 # The attributes of URDF's inertia.
 _INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_EXACT_HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
+_HALF_PI_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
@@ -116,7 +116,7 @@ class LinkRecord:
             pose = _pose(element.find("origin"), where, self.snap)
             groups = [
                 _numbers(shape, key, f"{where}, {kind}", zero)
-                for key, zero in SIZE_DEFAULTS_BY_SHAPE_KIND.get(kind, {}).items()
+                for key, zero in SIZE_ATTRIBUTE_DEFAULTS_BY_SHAPE_KIND.get(kind, {}).items()
             ]
             shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
         return shapes
@@ -351,7 +351,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     multiple of pi/2, or is the double nearest to such a multiple.
     """
     turns = round(angle / (math.pi / 2))
-    near = angle == float(turns * _EXACT_HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
+    near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
     return (
         _QUARTER_TURN_SINES_AND_COSINES[turns % 4]
         if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURN_COUNT

@@ -15,9 +15,14 @@ from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
-from hingepair.scenes.log_noise import SMOOTHING_HINT_NOISE_TO_RMS, LogNoise, finite_rms, noise_rows
+from hingepair.scenes.log_noise import (
+    MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT,
+    LogNoise,
+    finite_rms,
+    noise_rows,
+)
 from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
-from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_ORDER, KnownJointMotion
+from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER, KnownJointMotion
 from hingepair.scenes.motion import non_finite_sentences
 
 _JOINT_LOAD_TABLE_HEADINGS = (
@@ -140,7 +145,7 @@ class JointLogNoise(NamedTuple):
         for column, joint in enumerate(self.robot.tree.coordinates):
             if joint.name not in self.moving:
                 continue
-            names = tuple(joint.name + rate for rate in JOINT_COLUMN_SUFFIXES_BY_ORDER)
+            names = tuple(joint.name + rate for rate in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER)
             length = "rad" if joint.kind == "hinge" else "m"
             units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(self.middle.column(order, column) for order in range(len(names)))
@@ -155,7 +160,7 @@ class JointLogNoise(NamedTuple):
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
         note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-        if (noise > SMOOTHING_HINT_NOISE_TO_RMS * finite_rms(tau)).any():
+        if (noise > MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT * finite_rms(tau)).any():
             note += "; hp.smooth(t, q) finds the rates of a noisy column"
         return noise, note
 

@@ -28,7 +28,7 @@ from hingepair.scenes.tables import Table
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
 
-JOINT_COLUMN_SUFFIXES_BY_ORDER: Final = ("", "d", "dd")
+JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
 BASE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
@@ -278,7 +278,7 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
     for name in robot.names:
         if name in _MOTION_OPTION_KEYS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
-        for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER:
+        for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER:
             column = name + ending
             if column in columns:
                 wanted = f"joints of other names: column {column} of a file holds {columns[column]}"
@@ -353,14 +353,14 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
-        names = tuple(joint + ending for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER)
+        names = tuple(joint + ending for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER)
         present_names = [name for name in names if name in log.columns]
         if present_names:
             part = log.quantity_and_rates(names)
             parts[joint] = [part[name] for name in names if name in part]
             if names[2] in part and names[1] not in part:
                 log.refuse(names[1], f"a column beside {names[2]}", "no such column")
-            if joint in log.layout.angles:
+            if joint in log.layout.angle_names:
                 log.notes += angle_suspicions(joint, parts[joint][0])
     if not parts:
         log.refuse(robot.names[0] if robot.names else "t", "a column for each joint that moves", "none of them")
@@ -368,9 +368,12 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     for joint, columns in parts.items():
         if len(columns) <= level:
             wanted = "a column, beside rates of other joints (or differentiate = true)"
-            log.refuse(joint + JOINT_COLUMN_SUFFIXES_BY_ORDER[len(columns)], wanted, "no such column")
+            log.refuse(joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[len(columns)], wanted, "no such column")
     derived = tuple(
-        joint + rate for joint in parts for rate in JOINT_COLUMN_SUFFIXES_BY_ORDER[1:] if joint + rate in log.derived
+        joint + rate
+        for joint in parts
+        for rate in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[1:]
+        if joint + rate in log.derived
     )
     rests = _rest_positions(robot)
     rows = tuple(
@@ -388,12 +391,14 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     angles.
     """
     names = robot.names
-    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in JOINT_COLUMN_SUFFIXES_BY_ORDER}
+    arrays = {
+        f"q{ending}": tuple(name + ending for name in names) for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER
+    }
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
-    angles = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
-    written = "run --outputs q,qd,qdd --out FILE writes what is read here"
-    results = frozenset({"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
-    return LogLayout(arrays, columns, angles, results, written)
+    angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
+    writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
+    result_prefixes = frozenset({"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
+    return LogLayout(arrays, columns, angle_names, result_prefixes, writing_hint)
 
 
 def _float_if_constant(column: Float64Array) -> float | Float64Array:

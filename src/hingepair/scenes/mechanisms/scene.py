@@ -24,11 +24,10 @@ from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, SampledScene
-from hingepair.scenes.known_motion import DERIVATIVE_ORDINALS
 from hingepair.scenes.log_noise import noise_rows
 from hingepair.scenes.mechanisms.forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
-    JOINT_COLUMN_SUFFIXES_BY_ORDER,
+    JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER,
     JointCoordinates,
     JointMotion,
     KnownJointMotion,
@@ -142,7 +141,9 @@ class MechanismSceneResult(Frozen, Result):
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
                     order = _JOINT_COORDINATE_OUTPUT_NAMES.index(quantity)
-                    arrays[joint + JOINT_COLUMN_SUFFIXES_BY_ORDER[order]] = self.known.column(order, columns[joint])
+                    arrays[joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[order]] = self.known.column(
+                        order, columns[joint]
+                    )
             if quantity in _DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
@@ -325,7 +326,7 @@ class MechanismScene(SampledScene):
             hinge = joint.kind == "hinge"
             if name == f"tau_{joint.name}":
                 return "N m" if hinge else "N"
-            for ending, per in zip(JOINT_COLUMN_SUFFIXES_BY_ORDER, ("", "/s", "/s^2"), strict=True):
+            for ending, per in zip(JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
                     return ("rad" if hinge else "m") + per
         quantity, _, _ = name.partition("_")
@@ -559,8 +560,8 @@ class MechanismScene(SampledScene):
         that look like degrees. The whole motion is evaluated for this.
         """
         notes = self.note_collector()
-        for part in self.blocks(("q",)):
-            notes.add(part)
+        for block in self.blocks(("q",)):
+            notes.add(block)
         return notes.sentences()
 
     def note_collector(self) -> MechanismNoteCollector:
@@ -615,7 +616,7 @@ class MechanismPlan:
         reasons = ["no output needs them" if i < self.level else "the motion does not give them" for i in range(2)]
         skipped = skipped if self.still else []
         skipped += [
-            f"{DERIVATIVE_ORDINALS[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)
+            f"{('first', 'second')[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)
         ]
         skipped += ["the motion of the base: it rests at the origin"] * self.base_rests
         return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {reason}" for reason in skipped)])
@@ -636,16 +637,16 @@ class MechanismNoteCollector:
             if scene.joint_motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
             for order, pair in enumerate(limits):
-                unit = scene.unit(joint.name + JOINT_COLUMN_SUFFIXES_BY_ORDER[order])
+                unit = scene.unit(joint.name + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[order])
                 self._watches.append((order, i, LimitCounter(joint.name + "'" * order, pair, unit)))
 
-    def add(self, part: MechanismSceneResult) -> None:
+    def add(self, block: MechanismSceneResult) -> None:
         """Update the counts of kinks and of instants outside limits with one block of results, a
         MechanismSceneResult; the blocks must come in order of time.
         """
-        self._kinks += self._scene.joint_motion.count_kinks(part.first, part.first + len(part.t))
+        self._kinks += self._scene.joint_motion.count_kinks(block.first, block.first + len(block.t))
         for order, joint, watch in self._watches:
-            watch.add(part.t, part.known.column(order, joint))
+            watch.add(block.t, block.known.column(order, joint))
 
     def sentences(self) -> tuple[str, ...]:
         """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
