@@ -107,7 +107,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Shape of the motions as a tuple, with which the shapes of psi and the outputs begin; () for one motion."""
+        """Leading shape of the arrays of a trajectory that holds many motions, as a tuple; () for one motion. The
+        shape of psi is `motions + (N,)`.
+        """
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 
@@ -147,9 +149,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of the arrays of one motion by name; their first axis is that of the instants. They are the
-        outputs of the state, "psi", and of body 1 "R1" and "S1"; a PlanarTrajectory has "phi" and no position of body
-        1. Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
+        """Return the arrays of one motion as a dict whose keys are their names. The first axis of every array is the
+        axis of the instants. The dict holds the outputs of the state, psi and, for body 1, R1 and S1 (for a
+        PlanarTrajectory, phi instead). Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -178,8 +180,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def error_estimate(self) -> Any:
-        """Estimated error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding
-        included. The estimate is computed at the first access.
+        """Estimated error of the attitude of body 1 (for a planar pair, of its angle phi) at the worst instant [rad].
+        It includes rounding errors and is computed at the first access.
 
         For one motion the estimate is a number. For many motions it is an array of shape (...,). For a trajectory of
         Dask arrays it is a lazy array, whose tasks integrate the motions again. `psi_error_estimate` is the estimated
@@ -189,16 +191,16 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         a callable has a jump or a kink within a step, the estimate is between a third of the error and ten times the
         error.
 
-        If rates are callables, each step is compared with steps of half the length or less. The estimate also allows
-        for jumps and kinks between the times at which the callables were evaluated, if the values at these times do
-        not rule them out. If there are more than 65,536 steps, only some are compared: the steps over which values
-        change most abruptly, and one step from each of many short parts of the total time. A feature narrower than
-        about 1/500 of the total time may be missed.
+        If rates are callables, the result of each step is compared with the result of steps of half its length or
+        less. The estimate also allows for jumps and kinks between the times at which the callables were evaluated, if
+        the values at these times do not rule them out. If there are more than 65,536 steps, only some are compared:
+        the steps over which values change most abruptly, and one step from each of many short parts of the total
+        time. In any case, a feature narrower than about 1/500 of the total time may be missed.
 
         If rates are samples, the estimate covers the error of interpolation: gaps, motion that the samples hardly
         resolve, and jumps and kinks, which may be anywhere between two samples. It also covers the rounding of time
-        stamps to double precision, single precision or decimals, if the samples show this rounding. It is NaN for
-        fewer than 4 samples.
+        stamps to double precision, single precision or decimals, if the samples show this rounding. The estimate is
+        NaN for fewer than 4 samples.
 
         The estimate does not cover noise in the arguments. Nor does it cover motion that leaves no trace in the
         samples, because it happens in a gap or has fewer than two samples per period. Nor does it cover the rounding
@@ -208,9 +210,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def psi_error_estimate(self) -> Any:
-        """Estimated error of the hinge angle psi at the worst instant [rad]. It is a number for one motion, and an
-        array of shape (...,) for many motions, lazy for a trajectory of Dask arrays. It is estimated by the method of
-        `error_estimate`.
+        """Estimated error of the hinge angle psi at the worst instant [rad], computed by the method of
+        `error_estimate`. It is a number for one motion and an array of shape (...,) for many motions. For a
+        trajectory of Dask arrays, it is a lazy array.
         """
         return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
 
@@ -237,13 +239,13 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_TrajectoryBase):
-    """The motion of a pair over time, or many motions over the same instants, as `integrate` returns them (E12). A
-    trajectory also has every attribute of its state: R2, S2, v2 and so on.
+    """The motion of a pair over time, as `integrate` returns it (E12). It also has every attribute of its state: R2,
+    S2, v2 and so on.
 
-    A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
-    below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one
-    motion, `trajectory[:10]` is the trajectory of the first ten, and `to_xarray` returns all motions as labelled
-    arrays. Files, tables and plots can be made of one motion only.
+    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
+    ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
+    trajectory of one motion, `trajectory[:10]` is the trajectory of the first ten, and `to_xarray` returns all
+    motions as labelled arrays. Only a single motion can be saved, plotted or converted to a table.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -268,7 +270,7 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation matrix from the axes of body 1 to world axes; shape (..., N, 3, 3). It is computed from the
+        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). They are computed from the
         quaternions if S1 is not among the outputs.
         """
         S1 = self.state.S1
@@ -283,14 +285,15 @@ class Trajectory(_TrajectoryBase):
         gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2 and S2 is not among the
         outputs.
 
-        Every attitude has two triples of angles, and whole turns may be added to each angle. The triple that is
-        returned at each instant is the one nearest to the triple at the instant before. Angles must change by less
-        than half a turn between instants.
+        Two triples of angles describe every attitude, and whole turns may be added to each angle. At the first
+        instant, the method returns the triple of `matrix_to_euler`; at each later instant, it returns the triple
+        nearest to the triple of the instant before. Angles must change by less than half a turn from instant to
+        instant.
 
         Args:
-            body: 1 or 2. Body 2 needs S2 among the outputs.
-            sequence: the axes of the three rotations, such as "XYZ" (the default). There are 24 sequences: upper case
-                is intrinsic, lower case is extrinsic, as in SciPy.
+            body: 1 or 2. For body 2, S2 must be among the outputs.
+            sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
+                the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
         Returns:
             Angles in the order of the sequence's letters [rad]; shape (..., N, 3).
@@ -313,9 +316,9 @@ class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair over time, as `integrate` returns it (E11, E12). It also has every attribute of its
     state: R2, phi2, v2 and so on.
 
-    A trajectory may hold many motions over the same instants. Its arrays then have leading axes, written ...
-    below, whose shape is the attribute `motions`; it is () for one motion. `trajectory[3]` is the trajectory of one
-    motion.
+    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
+    ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
+    trajectory of one motion.
 
     Attributes:
         t: the instants [s]; shape (N,).

@@ -47,22 +47,23 @@ _MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned o
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """The result of `smooth` for a body: a BodyMotion with the smooth R, v, a, S, omega and alpha, NaN in gaps. It
-    also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
+    """The result of `smooth` for a body: a BodyMotion with the smooth R, v, a, S, omega and alpha, which are NaN in
+    gaps. It also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
     constructor.
 
     Attributes:
-        noise: dict with the keys R, v, a, S, omega and alpha, each with one number: the standard deviation of one
-            component. For R and S, it is the standard deviation of the noise of the recorded samples [m, rad]. For
-            the derivatives, it is the standard deviation of the error that this noise causes in v, a, omega and alpha
-            far from ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the
-            errors of the derivatives are ten to twenty times larger.
-        std: dict with the keys of `noise`, each with an array (N, 3): the standard deviation of each component of the
-            smoothed motion at every sample, including the effect of ends and gaps. For S, the components are the
+        noise: dict with the keys "R", "v", "a", "S", "omega" and "alpha", whose values are numbers: standard
+            deviations of one component. The values of "R" and "S" describe the noise of the recorded samples
+            [m, rad]. The other values describe the errors that this noise causes in v, a, omega and alpha far from
+            ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the errors of
+            the derivatives are ten to twenty times larger.
+        std: dict with the same keys, whose values are arrays (N, 3): the standard deviation of each component of the
+            smoothed quantity at every sample, including the effect of ends and gaps. For "S", the components are the
             three components of a small rotation vector [rad].
-        bandwidth: dict with the keys R and S, each with the frequency at which smoothing halves the amplitude [Hz].
-        correlation: dict with the keys R and S, each with the estimated correlation coefficient between the noise of
-            neighbouring samples.
+        bandwidth: dict with the keys "R" and "S", whose values are the frequencies at which smoothing halves the
+            amplitude [Hz].
+        correlation: dict with the keys "R" and "S", whose values are estimated correlation coefficients between the
+            noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).
     """
 
@@ -94,20 +95,21 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """The result of `smooth` for an angle: the smooth angle with its first and second time derivatives, NaN in gaps,
-    standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks the
-    angle and its derivatives.
+    """The result of `smooth` for an angle: the smooth angle with its first and second time derivatives (NaN in gaps),
+    their standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks
+    the angle and its derivatives.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
         psid: time derivative of psi [rad/s]; shape (N,).
         psidd: second time derivative of psi [rad/s^2]; shape (N,).
-        noise: dict with the keys psi, psid and psidd, each with one number, a standard deviation. For psi, it is the
-            standard deviation of the noise of the recorded samples [rad]. For the derivatives, it is the standard
-            deviation of the error that this noise causes in them far from ends and gaps [rad/s, rad/s^2]. Within
-            1 / bandwidth seconds of an end or a gap, this error is ten to twenty times larger.
-        std: dict with the same keys, each with an array (N,): the standard deviation of the smoothed value at every
-            sample, including the effect of ends and gaps.
+        noise: dict with the keys "psi", "psid" and "psidd", whose values are numbers. The value of "psi" is the
+            standard deviation of the noise of the recorded samples [rad]. The values of "psid" and "psidd" are the
+            standard deviations of the errors that this noise causes in the derivatives far from ends and gaps
+            [rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, these errors are ten to twenty times
+            larger.
+        std: dict with the same keys, whose values are arrays (N,): the standard deviation of the smoothed psi, psid
+            or psidd at every sample [rad, rad/s, rad/s^2], including the effect of ends and gaps.
         bandwidth: frequency at which smoothing halves the amplitude [Hz].
         correlation: estimated correlation coefficient between the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).

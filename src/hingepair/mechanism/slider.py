@@ -22,28 +22,30 @@ _SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Slider(Frozen, Shown):
     """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
-    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies and the
-    limits of q, of the force (`torque_limit`) and of the rate.
+    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the limits
+    of q, and the largest magnitudes of the force (`torque_limit`) and of the rate.
 
-    Like a `HingePair`, a slider is a joint of a `Mechanism`; it has the same fields as a `HingePair`. The values are
-    copied and read-only.
+    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. It has the same attributes as a `HingePair`. Their
+    values are copies of the arguments and read-only.
 
     Args:
         u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1
             axes [m]; shape (3,).
         u2: vector from the reference point of body 2 to the point P, body-2 axes [m]; shape (3,).
         n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
-        home: attitude of body 2 relative to body 1 (rotation from body-2 axes to body-1 axes); identity unless given;
-            shape (3, 3).
+        home: constant attitude of body 2 relative to body 1, a rotation matrix from body-2 axes to body-1 axes; shape
+            (3, 3); the identity by default.
         name: name of the joint; "slider" unless given.
         limits: lower and upper limit of q [m]; shape (2,); None (default) for no limits.
         body1: mass properties and shapes of body 1, a `Body`; None (default) if they are unknown.
         body2: mass properties and shapes of body 2, a `Body`; None (default) if they are unknown.
-        torque_limit: largest force of the slider's motor [N], which URDF calls effort; None (default) for no limit.
-        rate_limit: largest rate [m/s]; None (default) for no limit.
+        torque_limit: largest magnitude of the force of the slider's motor [N], which URDF calls effort; None
+            (default) for no limit.
+        rate_limit: largest magnitude of the rate q' [m/s]; None (default) for no limit.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; the message names the argument.
+        ArgumentError: a value cannot be used: it is not finite or has the wrong shape, n is zero, home is not a
+            rotation, or the lower limit is not below the upper limit. The message names the argument.
 
     >>> import hingepair as hp
     >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))

@@ -126,8 +126,8 @@ class PlanarPair(Shown):
         backend: str = "auto",
     ) -> PlanarState:
         """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11). qd and qdd add
-        velocities and accelerations. `outputs` names the outputs to compute. Results are written into the arrays of
-        the dict `out`, if given.
+        velocities and accelerations. `outputs` names the outputs to compute. If a dict `out` is given, the results
+        are written into its arrays.
 
         By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
         accelerations.
@@ -137,11 +137,11 @@ class PlanarPair(Shown):
                 angle. Either one array of shape (..., 4), or a tuple of four numbers or arrays that broadcast.
             qd: time derivatives of q [m/s, rad/s]: an array (..., 4) or a tuple of four, like q.
             qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 4) or a tuple of four, like q.
-            outputs: names of the outputs to compute, out of R2, d, v2 and a2, shape (..., 2), and phi2, omega2 and
-                alpha2, shape (...,). By default, all that the inputs allow.
-            out: dict of arrays by output name, into which the results are written. Each array must have the shape of
-                its output and the dtype of the results.
-            workers: number of threads; -1 for one thread per core.
+            outputs: names of the outputs to compute: R2, d, v2 and a2 have shape (..., 2), and phi2 (the angle of
+                body 2), omega2 and alpha2 have shape (...,). By default, all outputs that the inputs allow.
+            out: dict of arrays into which the results are written; its keys are the names of outputs. Each array must
+                have the shape of its output and the dtype of the results.
+            workers: number of threads, 1 by default; -1 for one thread per core.
             backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
 
         Returns:
@@ -173,20 +173,21 @@ class PlanarPair(Shown):
         qdd: CoordinateInput | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a
-        dict by output name of arrays (...,): at every sample, one bound that holds for each component of the output.
+        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a dict
+        whose keys are the names of the outputs and whose values are arrays (...,) of bounds. The bound at a sample
+        holds for each component of the output.
 
-        `HingePair.error_bounds` says under which condition the bounds are rigorous.
+        `HingePair.error_bounds` says under which conditions the bounds are rigorous.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
             outputs: names of the outputs, as for `forward_kinematics`.
 
         Returns:
-            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
-            (...,).
+            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
+            of the output; shape (...,).
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -212,8 +213,8 @@ class PlanarPair(Shown):
 
     def massive(self) -> HingePair:
         """Return a HingePair with the same dynamics as this planar pair. The centres of mass of its bodies are moved
-        to z = 0, and all three principal moments of inertia of a body are set to its moment of inertia about z. The
-        HingePair is cached, and later calls return the same object.
+        to z = 0, and all three principal moments of inertia of a body are set to the moment of inertia of the body
+        about z. The HingePair is cached, and later calls return the same object.
 
         Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
         torque about axes in the plane. The HingePair of `to_spatial` retains products of inertia, and centres of mass
@@ -237,14 +238,15 @@ class PlanarPair(Shown):
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
-        """Compute the mass matrix M, shape (..., 4, 4). It is the M in M @ (x'', y'', phi'', psi'') + bias =
-        (force1, torque1, hinge_torque) (D6). Raise ArgumentError if a body has no mass properties.
+        """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
+        torque1, hinge_torque) (D6). Raise ArgumentError if a body has no mass properties.
 
-        bias is the value of (force1, torque1, hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and gravity
-        cause it. force1 has two components.
+        force1, which has two components, and torque1 act on body 1 at R1; hinge_torque is the torque of body 1 on
+        body 2. bias is the value of (force1, torque1, hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and
+        gravity cause it.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
 
         Returns:
             M, a symmetric matrix; shape (..., 4, 4). Its elements are masses [kg], first moments of mass [kg m] and
@@ -271,15 +273,15 @@ class PlanarPair(Shown):
         `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The Forces. Its attributes force1 [N], shape (..., 2), and torque1 [N m], shape (...,), must act on body 1
-            at R1. Its attribute hinge_torque [N m], shape (...,), is the torque that body 1 must exert on body 2
-            about the pin.
+            The Forces. Its attributes force1 [N], shape (..., 2), and torque1 [N m], shape (...,), are the force at
+            R1 and the torque that must act on body 1. Its attribute hinge_torque [N m], shape (...,), is the torque
+            that body 1 must exert on body 2 about the pin.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -306,10 +308,10 @@ class PlanarPair(Shown):
         needs none.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
             The HingeWrench. Its attributes are force [N], shape (..., 2), and torque [N m], about the pin, shape
@@ -351,14 +353,14 @@ class PlanarPair(Shown):
         matrix is singular.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
-            force1: force on body 1 at R1 [N]; shape (..., 2), or the number 0.
-            torque1: torque on body 1 [N m]; shape (...,).
-            hinge_torque: torque of body 1 on body 2 [N m]; shape (...,).
-            force2: force on body 2 at R2 [N]; shape (..., 2), or the number 0.
-            torque2: torque on body 2 [N m]; shape (...,).
-            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
+            force1: force on body 1 at R1, world axes [N]; shape (..., 2), or the number 0 (the default).
+            torque1: torque on body 1 [N m]; shape (...,); 0 by default.
+            hinge_torque: torque that body 1 exerts on body 2 about the pin [N m]; shape (...,); 0 by default.
+            force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
+            torque2: torque on body 2 [N m]; shape (...,); 0 by default.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
             The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4).
@@ -386,13 +388,13 @@ class PlanarPair(Shown):
         properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad], as for `forward_kinematics`.
+            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
-            gravity: acceleration of free fall [m/s^2]; shape (2,). By default (0, -9.81).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy includes
-            gravity only. The potential energy of a mass at the world's origin is zero.
+            The Energy, with the attributes kinetic and potential [J], each of shape (...,). The potential energy
+            includes gravity only. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument

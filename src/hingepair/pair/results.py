@@ -60,7 +60,7 @@ class Result(Shown):
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, such as "R2", or of one component of an output, such as "R2_x", as a string.
-        For both of these names, the string is "m".
+        For both of these names, the string is "m". For a rotation matrix or an unknown name, it is "1".
         """
         return unit_of(name)
 
@@ -92,7 +92,8 @@ class Result(Shown):
         output.
 
         The columns after t are named R2_x, ..., S2_xx, ..., psi for a pair, and R2_x, R2_y, phi2, d_x, ..., psi for a
-        planar pair. `attrs["units"]` of the DataFrame is a dict of the units by output name.
+        planar pair. `attrs["units"]` of the DataFrame is a dict whose keys are the names of the outputs and whose
+        values are their units.
 
         Raises:
             MissingDependencyError: pandas is not installed.
@@ -104,8 +105,8 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with a variable for each output. Its variables have the dimension `time`, and
-        their units and descriptions are attributes.
+        """Return an xarray Dataset with a variable for each output. Its variables have the dimension `time`. The
+        attributes `units` and `long_name` of a variable are its unit and its description.
 
         A vector also has the dimension `xyz` (`xy` for a planar pair). A rotation matrix has `xyz` for its rows
         (world axes) and `body_xyz` for its columns (body axes). A trajectory that holds many motions has the
@@ -134,12 +135,13 @@ class Result(Shown):
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
         """Write the arrays to a file, completely or not at all, and return its Path. The ending of `path` selects the
-        format. The files `inputs` are never overwritten. The file keeps the full precision of every number.
+        format. The files that `inputs` names are never overwritten. The file keeps the full precision of every
+        number.
 
         Args:
             path: file name. Its ending selects the format: .csv (a line of column names, then one line per instant,
-                with the fewest digits that determine each number), .npz (NumPy arrays by output name), .parquet, or
-                .nc (NetCDF).
+                with the fewest digits that determine each number), .npz (a NumPy array for t and for each output),
+                .parquet, or .nc (NetCDF).
             inputs: further files that must not be overwritten. The files that the result was computed from, such as
                 a scene file and its log, are protected in any case.
 
@@ -148,7 +150,8 @@ class Result(Shown):
 
         Raises:
             ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, or the file cannot be
-                written. A file that existed before stays as it was.
+                written; or a trajectory holds many motions or Dask arrays. A file that existed before stays as it
+                was.
             MissingDependencyError: the package that writes this format is not installed.
         """
         with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:

@@ -116,7 +116,7 @@ class PairState(Results):
 
 class PlanarState(Results):
     """The computed outputs of a planar pair at every sample, in world axes and SI units. The attributes R2, phi2, d,
-    v2, omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
+    v2, omega2, a2 and alpha2 are read-only arrays for body 2; an output that was not computed is None.
 
     The leading axes of all arrays are the axes of the samples. R2 and d = R2 - R1 [m], v2 [m/s] and a2 [m/s^2] have
     shape (..., 2), and phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). The type

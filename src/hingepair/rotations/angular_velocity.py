@@ -25,15 +25,15 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity omega (..., 3), in world axes, of a rotation S with time derivative S_dot (E3).
-    With `with_defect`, return (omega, defect): the defect says how far S_dot is from the derivative of a rotation.
-    Raise RotationError if a finite S is not a rotation.
+    """Return the angular velocity omega (..., 3), in world axes, of rotation matrices S with time derivatives S_dot
+    (E3). With `with_defect`, return (omega, defect), where defect says how far S_dot is from the derivative of a
+    rotation. Raise RotationError if a finite S is not a rotation.
 
     The angular velocity satisfies [omega]x = S' S^T. Here S' is S_dot, and [omega]x is the cross-product matrix of
     omega. If S is not finite, the result is NaN.
 
     Args:
-        S: rotations, body to world; shape (..., 3, 3).
+        S: rotation matrices, body to world; shape (..., 3, 3).
         S_dot: their time derivatives [1/s]; shape (..., 3, 3).
         with_defect: whether to return the defect too; False by default. The defect is 0 if S_dot is the derivative
             of a rotation, because S' S^T is then antisymmetric.
@@ -44,7 +44,7 @@ def angular_velocity(
         [1/s]; shape (...,).
 
     Raises:
-        RotationError: a finite S is not a rotation.
+        RotationError: a finite S is not a rotation to within 1e-9 (1e-5 for float32).
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -90,17 +90,18 @@ def angular_velocity_from_samples(
     """Return the angular velocity omega (..., N, 3), in world axes, from the rotation matrices S (..., N, 3, 3) at N
     instants t (E3). The finite differences have an error proportional to the time step to the power `order`. With
     `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
-    turns by pi or more between samples that are used together.
+    turns by pi or more between two samples that one finite difference uses.
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i,
     theta is 0, and therefore omega = theta' and alpha = theta'' exactly. The function differentiates the polynomial
     of degree `order` through theta at sample i and at order / 2 neighbours on either side. Near the ends, the
-    polynomial is fitted by least squares to the first or last order + 5 samples, or to all samples if there are
-    fewer. Nearly equal matrices are never subtracted.
+    polynomial is fitted by least squares to the first or the last (`order` + 5) samples, or to all samples if there
+    are fewer. Nearly equal matrices are never subtracted.
 
-    Suppose that the attitudes have white noise, whose rotation vector has the standard deviation sigma [rad] in every
-    component, and that the time step is h [s]. Then the standard deviation of every component of omega is k sigma / h
-    [rad/s], with k from this table. A higher order suits smooth motion, a lower order noisy data at small time steps:
+    A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
+    of the attitudes is white, that each component of its rotation vector has the standard deviation sigma [rad], and
+    that the time step is h [s]. Then the standard deviation of every component of omega is c sigma / h [rad/s], with
+    c from this table:
 
         order    in the middle    first and last sample
         2        0.71             0.68
@@ -110,10 +111,11 @@ def angular_velocity_from_samples(
 
     Args:
         t: instants [s], increasing, not necessarily uniform; shape (N,) with N > order.
-        S: rotations, body to world; shape (..., N, 3, 3), time on the third axis from the end.
+        S: rotation matrices, body to world, at the instants t; shape (..., N, 3, 3).
         order: power of the time step to which the error of omega is proportional: 2, 4, 6 (the default) or 8.
-        with_alpha: whether to return the angular acceleration too; False by default. The order of its error is lower
-            by one, except away from the ends if the time steps are uniform.
+        with_alpha: whether to return the angular acceleration alpha too; False by default. If the time steps are
+            uniform, the error of alpha away from the ends is of the same order as the error of omega. Otherwise, and
+            near the ends, its order is lower by one.
 
     Returns:
         omega, world axes [rad/s]; shape (..., N, 3). With `with_alpha`, (omega, alpha), where alpha [rad/s^2] has the
@@ -121,9 +123,10 @@ def angular_velocity_from_samples(
 
     Raises:
         ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the body turns by pi or more
-            between a sample and a neighbour that is used, so that the rotation vector would be ambiguous. (A turn
-            of more than pi from one sample to the next cannot be detected.)
-        RotationError: a finite S is not a rotation.
+            between a sample and a neighbour that is used with it, so that the rotation vector is ambiguous. This turn
+            is the sum of the turns from each sample to the next. Each of these is assumed to be less than pi; a
+            larger one cannot be detected.
+        RotationError: a finite S is not a rotation to within 1e-9 (1e-5 for float32).
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -76,21 +76,22 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
     """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (E10). With
-    `with_lock`, return (angles, locked), where the bool array `locked` is True for samples at gimbal lock. Raise
+    `with_lock`, return (angles, locked), where the bool array `locked` is True for matrices at gimbal lock. Raise
     RotationError if a finite S is not a rotation.
 
     The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
     [0, pi]. The other two angles lie in [-pi, pi].
 
     At gimbal lock, only the sum or the difference of the first and the third angle is determined. No convention fixes
-    the two angles there; rounding errors decide which of the possible pairs is returned. The rotation matrix of the
-    returned angles differs from S by at most 6 u (u = 2^-53) in every component, at gimbal lock too.
+    the two angles there; rounding errors decide which of the possible pairs is returned. If S is a rotation to within
+    rounding errors, the rotation matrix of the returned angles differs from S by at most 6 u (u = 2^-53) in every
+    component, at gimbal lock too.
 
     Args:
-        S: rotations, body to world; shape (..., 3, 3).
+        S: rotation matrices, body to world; shape (..., 3, 3).
         sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-        with_lock: whether to return also which samples are at gimbal lock; False by default. The docstring of
+        with_lock: whether to return also which matrices are at gimbal lock; False by default. The docstring of
             `euler_rates` (argument at_lock) defines gimbal lock.
 
     Returns:
@@ -98,7 +99,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
         locked is a bool array of shape (...,).
 
     Raises:
-        RotationError: a finite S is not a rotation.
+        RotationError: a finite S is not a rotation to within 1e-9 (1e-5 for float32).
 
     >>> import hingepair as hp
     >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
@@ -177,16 +178,16 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-        at_lock: "raise" (the default) to raise an error at gimbal lock; "least_squares" to return there the smallest
-            phi' for which J phi' is nearest to omega. Angles are at gimbal lock if the magnitude of the cosine of the
-            middle angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first axis is also the
-            last, such as XYX, the sine of the middle angle takes the place of the cosine.
+        at_lock: "raise" (the default): raise an error at gimbal lock. "least_squares": at gimbal lock, return the
+            smallest phi' for which J phi' is nearest to omega. Angles are at gimbal lock if the magnitude of the
+            cosine of the middle angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first
+            axis is also the last, such as XYX, the sine of the middle angle takes the place of the cosine.
 
     Returns:
         The rates phi' [rad/s]; shape (..., 3).
 
     Raises:
-        GimbalLockError: a sample is at gimbal lock, where J has no inverse, and at_lock is "raise".
+        GimbalLockError: angles are at gimbal lock, where J has no inverse, and at_lock is "raise".
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -277,8 +278,8 @@ class EulerKinematics(Frozen):
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
     """Return the `EulerKinematics` of Euler angles phi (E4), a record of J, J^-1, the condition number of J and the
-    distance from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are given, the record also
-    has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
+    distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are
+    given, the record also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
 
     The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
     is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,
@@ -292,8 +293,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
     Returns:
-        The `EulerKinematics`, with the attributes J, J_inverse and J_dot (None without phid), each of shape
-        (..., 3, 3), and condition and lock_distance [rad], each of shape (...,).
+        The `EulerKinematics`, with the attributes J, J_inverse (NaN at gimbal lock) and J_dot (None without phid),
+        each of shape (..., 3, 3), and condition and lock_distance [rad], each of shape (...,).
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.
