@@ -123,13 +123,13 @@ def linearize(
             callable.
         psi_0: hinge angle [rad].
         psid_0: hinge rate [rad/s]; 0 by default.
-        hinge_torque: torque at the hinge [N m], as for `simulate`. A HingeLoad with dry friction needs a
-            friction_rate if the hinge is at rest: friction without it holds the hinge, and the motion cannot be
+        hinge_torque: torque at the hinge [N m], as for `simulate`; 0 by default. A HingeLoad with dry friction needs
+            a friction_rate if the hinge is at rest: friction without it holds the hinge, and the motion cannot be
             linearized.
-        force1: force on body 1 at R1, world axes [N], as for `simulate`.
-        torque1: torque on body 1, world axes [N m], as for `simulate`.
-        force2: force on body 2 at R2, world axes [N], as for `simulate`.
-        torque2: torque on body 2, world axes [N m], as for `simulate`.
+        force1: force on body 1 at R1, world axes [N], as for `simulate`; 0 by default.
+        torque1: torque on body 1, world axes [N m], as for `simulate`; 0 by default.
+        force2: force on body 2 at R2, world axes [N], as for `simulate`; 0 by default.
+        torque2: torque on body 2, world axes [N m], as for `simulate`; 0 by default.
         gravity: acceleration of free fall [m/s^2], as for `simulate`.
         base: what holds body 1: "free" (the default), "pinned", "fixed", or a callable, as for `simulate`.
         t: instant at which loads and a callable base are evaluated [s]; 0 by default.
@@ -138,10 +138,10 @@ def linearize(
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Linearization`: the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u, where x is the deviation of the
-        state, whose k components `.names` lists, and u is the deviation of the torque at the hinge [N m]; the hinge
-        angle `.psi` about which the motion is linearized [rad]; `.poles` [1/s], `.natural_frequencies` [rad/s] and
-        `.damping_ratios`.
+        A `Linearization` with the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u. Here x is the deviation of
+        the state, and u is the deviation of the torque at the hinge [N m]; `.names` lists the k components of the
+        state. Further attributes are the hinge angle `.psi` about which the motion is linearized [rad], `.poles`
+        [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios`.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the

@@ -79,20 +79,21 @@ def to_urdf(
       connects it with `body1`; this joint is revolute if the pair has limits, else continuous.
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
-    If a URDF joint has any limit, it must state effort and velocity. For a pair without torque_limit,
-    effort="1000.0" [N m] is written, and without rate_limit, velocity="100.0" [rad/s]; both are large enough not to
-    limit ordinary motions. Simulators reject principal moments of inertia of which one exceeds the sum of the others,
-    which rounding can cause for a flat body. Such moments are written slightly larger, so that they are accepted.
+    If a URDF joint has any limit, it must state effort and velocity. Such a pair gets effort="1000.0" [N m] if it has
+    no torque_limit, and velocity="100.0" [rad/s] if it has no rate_limit. Both values are large enough not to limit
+    ordinary motions. Simulators reject a body if one principal moment of inertia exceeds the sum of the other two.
+    Rounding can cause this for a flat body; the moments are then written slightly larger, so that simulators accept
+    them.
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
-    the mass of all links that they join is written to one of these links. Shapes and inertias of rotors are not
-    written; a `DynamicsWarning` names the joints that have rotors.
+    the mass of all links that they join is written to one of these links. The shapes of the links are not written.
+    Rotor inertias are not written either; a `DynamicsWarning` names the joints that have them.
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
             are written if given; or a `Mechanism`.
-        base: "free" (default): `body1`, or the base of a robot, is the root link, and the program that loads the text
+        base: "free" (default): the root link is `body1`, or the base of a robot, and the program that loads the text
             decides whether it can move (in Pinocchio: a free-flyer as root joint). "floating": a floating joint
             connects the root with a link `world`. "fixed": a fixed joint connects the root with a link `world`.
         hinge_torque: `HingeLoad` at the hinge of a pair. Its damping and friction are written, and its stops in place

@@ -46,8 +46,9 @@ def from_urdf(
         - `limits` are the limits of a revolute joint. They are None if lower and upper are equal; this includes a
           joint that states neither, since both then are 0 in URDF.
         - `torque_limit` is the effort of the joint, `rate_limit` its velocity.
-        - `body1` and `body2` each combine all links that are rigidly fixed to each other. A body is None if none of
-          its links has mass, and also, with a warning, if no rigid body can have the combined mass properties.
+        - `body1` combines the parent link of the joint and all links that are rigidly fixed to it, and `body2`
+          combines the child link and all links that are rigidly fixed to it. A body is None if none of its links has
+          mass. It is also None, with a warning, if no rigid body can have the combined mass properties.
         - The boxes, cylinders and spheres of a body are read, unless the body is also drawn by other shapes, such as
           meshes. Meshes and the name of the robot are not read.
 

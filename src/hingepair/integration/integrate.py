@@ -163,12 +163,12 @@ def integrate(
       the rotation over each step from values of omega1 within the step. With samples, `magnus6` corresponds to the
       multi-sample coning correction of strapdown navigation (Bortz, Miller, Savage).
     - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
-      of order 4. It fails near gimbal lock.
-    - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own.
+      of order 4. It fails near gimbal lock. It is for a HingePair only.
+    - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own. It is for a HingePair only.
 
-    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N),
-    R1 (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N has
-    length 1, the rate or the point of each motion is constant. A callable, or an array without leading axes, applies
+    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1
+    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N of a rate or
+    of R1 has length 1, it is constant in time in each motion. A callable, or an array without leading axes, applies
     to all motions. Each motion is integrated as if by a separate call: with the same steps, the same error estimate,
     and bitwise the same result.
 
@@ -177,8 +177,8 @@ def integrate(
     `trajectory.compute()` returns the trajectory in memory.
 
     Args:
-        pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 are numbers, and points have two
-            coordinates.
+        pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 have the same forms as psid and
+            psidd, and R1, v1 and a1 have two components instead of three.
         t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
             integer nanoseconds are converted exactly to seconds since the first one.
         omega1: angular velocity of body 1 [rad/s].
@@ -187,18 +187,19 @@ def integrate(
             callable of t. A tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns such a tuple, gives
             its velocity and acceleration too. By default it is the origin. If R1 moves and v1 (or a1) is not given,
             v2 (or a2) of the result is None.
-        S1_0: attitude of body 1 at t[0]; shape (..., 3, 3); the identity by default.
+        S1_0: attitude of body 1 at t[0], body to world, for a HingePair only; shape (..., 3, 3); the identity by
+            default.
         phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
         method: name of one of the methods above; "magnus6" by default.
-        frame: axes of omega1 and alpha1: "world" (the default) or "body".
+        frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
         tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
             interval of t is one step (`dop853` chooses its own steps). With a tolerance, a callable is evaluated in
             about 500 steps or more that cover the whole time. A feature that is narrower than a step may be missed,
             also by `error_estimate`. A jump or a kink of a callable is found; it costs about sixty further steps, or
             none if it is at one of the instants t.
-        alpha1: angular acceleration of body 1 [rad/s^2], needed for the acceleration of body 2.
-        psidd: hinge acceleration psi'' [rad/s^2], needed for the acceleration of body 2.
+        alpha1: angular acceleration of body 1 [rad/s^2]. Without it, a2 and alpha2 of the result are None.
+        psidd: hinge acceleration psi'' [rad/s^2]. Without it, a2 and alpha2 of the result are None.
         outputs: as for `forward_kinematics`. By default, all outputs of body 2 that can be computed from the inputs;
             () for none.
         backend: as for `forward_kinematics`.

@@ -304,8 +304,8 @@ def fit(
     psi. Rules fix these three:
 
     - `gauge` selects the position of the hinge point along the axis.
-    - The sign of n, and with it the sign of psi, makes one component of n positive: the first component whose
-      magnitude is at least 0.45 times the largest magnitude.
+    - The sign of n, and with it the sign of psi, is chosen so that one component of n is positive. This is the first
+      component whose magnitude is at least 0.45 times the largest magnitude.
     - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
       body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
       degrees apart, `home` consists of two rotations: first a half turn about an axis of body 2, then the rotation by
@@ -325,8 +325,9 @@ def fit(
             With such a loss, the first estimate is the hinge with which most samples agree, and samples that deviate
             by more than thirty standard deviations are ignored. With "cauchy" and "arctan", outliers have the least
             influence.
-        gauge: "closest_to_R1" (the hinge point is the point of the axis closest to R1; u1 is perpendicular to n) or
-            "closest_to_R2" (the same for R2 and u2).
+        gauge: "closest_to_R1" (the default): the hinge point is the point on the axis closest to R1, and u1 is
+            perpendicular to n. "closest_to_R2": it is the point on the axis closest to R2, and u2 is perpendicular to
+            the axis.
         t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If given,
             the offset between the clocks of the two recordings is estimated too; it is 0 if the motion does not
             determine it. This needs SciPy.
@@ -340,17 +341,17 @@ def fit(
             Readings cannot be used if body 2 is a point.
         noise1: pair of the standard deviations of the noise in one component of the position [m] and of the attitude
             [rad] of body 1, each a number or an array (N,). With `smoothed = smooth(t, body1)`, they are
-            (smoothed.noise["R"], smoothed.noise["S"]). A common factor on all standard deviations is still estimated
-            from the data.
+            (smoothed.noise["R"], smoothed.noise["S"]). A factor that is common to all these standard deviations is
+            still estimated from the data.
         noise2: the same pair for body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
 
     Returns:
-        The fit, with the hinge as `.pair` and the hinge angle as `.psi`. Check `.ok` and `.findings` before you use
-        its numbers.
+        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi`. Check `.ok` and `.findings` before you
+        use its numbers.
 
     Raises:
-        FitError: the samples do not determine a hinge: fewer than two have both poses (fewer than four if body 2 is
-            a point), or the bodies do not turn relative to each other.
+        FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer
+            than four if body 2 is a point), or the bodies do not turn relative to each other.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

@@ -243,9 +243,9 @@ def fit_anchor(
 ) -> AnchorFit:
     """Fit the hinge point to the records of two inertial sensors, one on each body, and return an AnchorFit. Each
     sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`, `f2_b2`). If the
-    hinge axis is given in the axes of both bodies (n1, n2), the result is its point closest to sensor 1. `gaps` is
-    the longest time without samples across which angular velocities are smoothed [s]. Raise FitError if there are
-    too few samples or neither body turns.
+    hinge axis is given in the axes of both bodies (n1, n2), the result is the point on the axis closest to sensor 1.
+    `gaps` is the longest time without samples across which angular velocities are smoothed [s]. Raise FitError if
+    there are too few samples or neither body turns.
 
     The angular velocities are smoothed and differentiated with the method of `smooth`. The specific forces are used
     as recorded. Each of the four records may have NaN where a sample is missing. An instant is used only if all four
@@ -259,13 +259,13 @@ def fit_anchor(
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). Give both n1 and n2 or neither. If they
-            are given, the hinge point is the point of the axis that is closest to sensor 1. Otherwise it is the
-            point of the axis at which the sum of the squared distances to both sensors is smallest.
+            are given, the hinge point is the point on the axis closest to sensor 1. Otherwise it is the point on the
+            axis at which the sum of the squared distances to both sensors is smallest.
         n2: hinge axis in body 2's axes; shape (3,).
         gaps: longest time without a sample across which the angular velocities are smoothed as one piece [s]. A value
             below 1.5 times the median time step counts as 1.5 times the median time step.
-        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
-            0 if the biases were subtracted from the data, for example those that `fit_axis` estimates.
+        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s]; 0
+            if the biases were subtracted from the data, for example the biases that `fit_axis` estimates.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
             [m/s^2].
 

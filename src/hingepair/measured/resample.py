@@ -32,10 +32,10 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate `values`, an array or a BodyMotion recorded at instants t, at the instants `to`. Return an array or
-    a BodyMotion, as `values` is. The result is NaN outside the recording, and between samples that are more than
-    `gaps` seconds apart. Issue a MeasurementWarning for wrapped angles and for instants that are probably not in
-    seconds.
+    """Interpolate `values`, an array or a BodyMotion recorded at instants t, at the instants `to`. Return an array
+    for an array and a BodyMotion for a BodyMotion. The result is NaN outside the recording and between samples that
+    are more than `gaps` seconds apart. Issue a MeasurementWarning for wrapped angles and for instants that are
+    probably not in seconds.
 
     The interpolant is the cubic polynomial through the four nearest samples; its error is of order h^4 for a time
     step h. Attitudes are interpolated as rotation vectors relative to a neighbouring sample. At an instant of the
@@ -47,7 +47,7 @@ def resample(
     quaternions. An ArgumentError is then raised if the sign of a quaternion changes from one sample to the next.
 
     Args:
-        t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
+        t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; shape (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
         to: the new instants, on the same clock and in the same form as t; shape (M,).

@@ -116,25 +116,25 @@ def sample_pairs(
     seed: int | np.random.Generator | None = None,
 ) -> Any:
     """Return a HingePair that holds `samples` random pairs, which deviate from the pair `pair`. The tolerances are
-    either standard deviations of u1, u2, the hinge axis and home, or a covariance such as that from `fit`. An integer
-    `seed` gives the same pairs in every call.
+    either standard deviations of u1, u2, the hinge axis and home, or a covariance, such as the covariance of a
+    HingeFit. An integer `seed` gives the same pairs in every call.
 
     The deviations are normally distributed with mean zero. The result is used like a single pair. Its leading shape
     (samples,) broadcasts against the leading shape of a motion: one state gives a result for each pair, and in a
     motion of shape (samples,), state i is computed with pair i.
 
     Args:
-        pair: the HingePair as designed, or as fitted.
-        samples: number of pairs.
-        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
-        u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
+        pair: the HingePair as designed, or as fitted. For a PlanarPair, give pair.to_spatial().
+        samples: number of pairs; 10000 by default.
+        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number (0 by default), or shape (3,).
+        u2_std: standard deviation of each component of u2, body-2 axes [m]: a number (0 by default), or shape (3,).
         axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
-            perpendicular directions; a number.
+            perpendicular directions; a number, 0 by default.
         home_std: standard deviation of each component of the rotation vector (body-1 axes) by which `home`, the
-            attitude of body 2 relative to body 1 at psi = 0, deviates [rad]: a number, or shape (3,).
+            attitude of body 2 relative to body 1 at psi = 0, deviates [rad]: a number (0 by default), or shape (3,).
         covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2 (body-2
             axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes) [rad];
-            shape (12, 12), such as `HingeFit.covariance`.
+            shape (12, 12), such as `HingeFit.covariance`. Give either a covariance or standard deviations, not both.
         seed: an integer, which gives the same pairs in every call, or a numpy.random.Generator. By default, each call
             gives other pairs.
 
@@ -142,8 +142,8 @@ def sample_pairs(
         A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,).
 
     Raises:
-        ArgumentError: an argument cannot be used, or all standard deviations are 0 and no covariance is given; the
-            error names the argument.
+        ArgumentError: an argument cannot be used, no tolerance is given (all standard deviations are 0), or a
+            covariance and standard deviations are both given; the error names the argument.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -58,7 +58,7 @@ def view(
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the
             hinge angle moves from its lower to its upper limit and back, or through a whole turn if the pair has no
-            limits.
+            limits. Use `to_spatial()` of a PlanarPair; a PlanarTrajectory of `integrate` cannot be shown.
         path: file to write the page to, ending in .html; by default no file is written.
         q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
             with a column for each of these names. By default the page of a robot has no motion, only sliders.
@@ -71,8 +71,8 @@ def view(
         displays the page.
 
     Raises:
-        ArgumentError: the source has no motion; q, t or base_motion cannot be used; or the file cannot be written.
-            The error names the argument.
+        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t or base_motion
+            cannot be used; or the file cannot be written. The error names the argument.
         MissingDependencyError: the package meshcat is not installed.
 
     >>> import hingepair as hp

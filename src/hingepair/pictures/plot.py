@@ -64,17 +64,19 @@ def plot(
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`,
             which is drawn with a band of two standard deviations on either side. For a pair, the hinge angle moves
-            from its lower to its upper limit and back, or through a whole turn if the pair has no limits.
+            from its lower to its upper limit and back, or through a whole turn if the pair has no limits. Use
+            `to_spatial()` of a PlanarPair; a PlanarTrajectory of `integrate` cannot be drawn.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
-            its method `evaluate`; for a trajectory, outputs that it holds; for a pair, R1, S1, R2, S2 and psi.
-            Attitudes are drawn as XYZ Euler angles.
+            its method `evaluate`; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
+            S1, R2, S2 and psi. Attitudes are drawn as XYZ Euler angles.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. Vectors are in world axes. Quantities that the motion does
         not have are left out. Times at which a value is not finite are shaded.
 
     Raises:
-        ArgumentError: the source has no motion in space, or `outputs` names an output that the source does not have.
+        ArgumentError: the source is of another kind or is a trajectory that holds many motions, or `outputs` names an
+            output that the source does not have.
         MissingDependencyError: matplotlib is not installed.
 
     >>> import hingepair as hp

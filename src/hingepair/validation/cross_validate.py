@@ -75,10 +75,10 @@ def cross_validate(
     given, a2 and alpha2. Pinocchio computes d as the position of body 2 for R1 = 0, because the difference of R2 and
     R1 would contain the rounding errors of both.
 
-    For a robot, the motion of all links, the Jacobians of the last link of each branch, and the mass matrix are
-    compared. If qd is given, energies and momenta are compared too, and if qdd is given, forces and torques. Forward
-    dynamics is checked by its residual: Pinocchio's inverse dynamics computes the forces that hingepair's
-    accelerations require, and these forces are compared with the applied forces.
+    For a robot, the motion and the Jacobians of links (see `frames`) and the mass matrix are compared. If qd is
+    given, energies and momenta are compared too, and if qdd is given, forces and torques. Forward dynamics is checked
+    by its residual: Pinocchio's inverse dynamics computes the forces that hingepair's accelerations require, and
+    these forces are compared with the applied forces.
 
     Args:
         pair: a `HingePair`, a `PlanarPair` or a `Mechanism` (robot). A planar pair is compared in the plane, with the
@@ -90,15 +90,16 @@ def cross_validate(
         qdd: second time derivatives of q, in the same form as q.
         sequence: Euler sequence of body 1 of a pair; "XYZ" unless given. Not used for planar pairs and robots.
         frames: for a robot, names of the links, joints or other frames whose motion and Jacobians are compared. By
-            default, these are the motion of all links and the Jacobians of the last link of each branch.
+            default, the motion of all links and the Jacobians of the last link of each branch are compared.
         base_motion: for a robot, BodyMotion of its base; by default the base rests at the origin.
         gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) by default.
 
     Returns:
         For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
         (hingepair.validation.robot_report). Both have `.ok` (True if all outputs agree), `.verdict` (text of one
-        line), `.to_json()`, `.skipped` (number of samples that were left out because they are not finite) and
-        `.rows`. `print` shows the report as a table. `.rows` has a row for each output, with these attributes:
+        line), `.to_json()` (the report as JSON text), `.skipped` (number of samples that were left out because they
+        are not finite) and `.rows`. `print` shows the report as a table. `.rows` has a row for each output, with
+        these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;

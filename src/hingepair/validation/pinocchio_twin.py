@@ -173,8 +173,8 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """Build a Pinocchio model of a pair or a robot. Return a PinocchioTwin for a pair and a RobotTwin for a robot;
-    both hold the model and have methods that convert coordinates to Pinocchio's q, v and a.
+    """Build a Pinocchio model of a pair or a robot. Return a PinocchioTwin for a pair and a RobotTwin for a robot.
+    Both hold the model and have methods that convert coordinates to Pinocchio's q, v and a.
 
     The model of a pair has a free-flyer joint for body 1, a revolute joint about n at u1, and a frame of body 2. It
     has the masses and the limits of the pair. If body1 or body2 is None, its mass in the model is 0; this is enough
@@ -191,13 +191,16 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
         - `.configuration(body1, psi)`: Pinocchio's q, shape (..., 8);
         - `.velocity(body1, psi, psid)`: Pinocchio's v, shape (..., 7);
         - `.acceleration(body1, psi, psid, psidd)`: Pinocchio's a, shape (..., 7);
-        - `.motion(q, v, a)`: body1, psi, psid and psidd, converted back from Pinocchio's q, v and a;
-        - `.body2(q, v, a)`: the motion of body 2 that Pinocchio computes.
+        - `.motion(q, v, a)`: the tuple (body1, psi, psid, psidd), converted back from Pinocchio's q, v and a;
+        - `.body2(q, v, a)`: the motion of body 2 that Pinocchio computes, a `BodyMotion`.
 
         For a `Mechanism`, a `RobotTwin` (hingepair.validation.robot_twin) with:
 
-        - `.model` and `.data` of Pinocchio; the model has all links and all moving joints, mimic joints included;
-        - `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`: Pinocchio's q, v and a.
+        - `.model` and `.data` of Pinocchio. The model has all links and all moving joints, mimic joints included. It
+          has a free-flyer if the base of the robot is "free"; otherwise, its base rests at the origin.
+        - `.configuration(q)`, `.velocity(q, qd)` and `.acceleration(q, qd, qdd)`: Pinocchio's q, shape
+          (..., model.nq), v and a, both of shape (..., model.nv). If the model has a free-flyer, these methods also
+          take the argument `base_motion`, the BodyMotion of the base; by default the base rests at the origin.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
