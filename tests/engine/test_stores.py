@@ -9,7 +9,7 @@ import pytest
 
 from hingepair.engine import binding, llvm_arithmetic, llvm_ir
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_IN_REGISTERS
+from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT
 from hingepair.engine.llvm_memory import MAX_COMPONENTS_OF_STREAMED_OUTPUT, WIDE_OUTPUT_COMPONENTS_PER_PANEL
 from hingepair.engine.loops import Loop
@@ -22,8 +22,8 @@ FAST_WIDTHS = {
     1,
     3,
     8,
-    MAX_COMPONENTS_IN_REGISTERS,
-    MAX_COMPONENTS_IN_REGISTERS + 1,
+    MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS,
+    MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1,
     24,
     WIDE_OUTPUT_COMPONENTS_PER_PANEL + 3,
     MAX_COMPONENTS_OF_STREAMED_OUTPUT + 1,
@@ -74,7 +74,7 @@ def check_doubled(loop, shape, cut, shift, dtype, workers=1):
 
 
 def widths(dtype):
-    fast = FAST_WIDTHS if dtype == F8 else {5, MAX_COMPONENTS_IN_REGISTERS + 1}
+    fast = FAST_WIDTHS if dtype == F8 else {5, MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1}
     return [pytest.param(w, dtype, id=f"{w}-{dtype}", marks=[] if w in fast else [pytest.mark.slow]) for w in WIDTHS]
 
 
@@ -161,7 +161,7 @@ def long_function(v):
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
     monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS", most)
-    count = MAX_COMPONENTS_IN_REGISTERS + 1
+    count = MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1
 
     def function(v):
         a, b, *c = v["c"]
@@ -196,8 +196,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_UNSPLIT_PART", 0)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_PER_SPLIT_STEP", length)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS", 0)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING", length)
     monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

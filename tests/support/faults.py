@@ -701,7 +701,7 @@ FAULTS = {
     ),
     "what is left of a cache line lost between blocks": Fault(
         "engine/llvm_memory.py",
-        'f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")',
+        'f.do(f"store {_LLVM_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")',
         "pass",
         "engine/test_stores.py::test_every_width_at_every_offset[streamed-17-float64]",
     ),

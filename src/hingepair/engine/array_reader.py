@@ -83,7 +83,7 @@ def call_descriptor(
     outputs: Sequence[tuple[int, ...]],
     *,
     has_constants: bool,
-    kernel: int,
+    kernel_address: int,
     min_unlocked_samples: int,
 ) -> list[int]:
     """Return the list of integers that tell the machine code of `call_ir` the address of the kernel, how many
@@ -96,7 +96,7 @@ def call_descriptor(
             the kernel does not take, which is checked too.
         outputs: for each output, the shape of one sample.
         has_constants: whether the kernel takes constants, as the first of its inputs.
-        kernel: address of the kernel.
+        kernel_address: address of the kernel in memory.
         min_unlocked_samples: number of samples from which a call releases the interpreter's lock.
     """
     kernel_inputs = sum(place >= 0 for _, place in inputs)
@@ -104,7 +104,7 @@ def call_descriptor(
     rows += [(sample_shape, int(has_constants) + kernel_inputs + k) for k, sample_shape in enumerate(outputs)]
     group_count = int(has_constants) + kernel_inputs + len(outputs)
     integers = [
-        kernel,
+        kernel_address,
         len(inputs),
         len(rows),
         int(has_constants),

@@ -29,8 +29,8 @@ InputPattern: TypeAlias = tuple[ComponentSource, ...]
 MIN_SAMPLES_PER_WORKER: Final = 8192
 """Number of samples that are worth a thread: about 0.1 ms of work, as long as starting the thread takes."""
 
-_FOLDED_NUMBERS: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
-"""Numbers that become part of the program, which folds them away."""
+_FOLDED_NUMBER_BY_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
+"""Numbers that become part of the program, which folds them away, by the value that is looked up."""
 
 
 class BoundInputs(NamedTuple):
@@ -96,7 +96,7 @@ def bind(
         """Append the number x, a component, to the lists of `bind`: if it is 0, 1 or -1, x itself to the pattern;
         else None to the pattern and x to the constants.
         """
-        known = _FOLDED_NUMBERS.get(x)
+        known = _FOLDED_NUMBER_BY_VALUE.get(x)
         pattern.append(known)
         if known is None:
             constants.append(x)
@@ -158,7 +158,7 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
                     arrays.append(component)
                 pattern.append((array_index_by_id[id(component)], 0))
                 continue
-            known = _FOLDED_NUMBERS.get(component)
+            known = _FOLDED_NUMBER_BY_VALUE.get(component)
             pattern.append(known)
             if known is None:
                 constants.append(float(component))

@@ -18,8 +18,9 @@ from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecim
 from hingepair.engine.llvm_sines import DOUBLE_VECTOR_TYPE, SINE_OPERATION_NAMES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
-MAX_COMPONENTS_IN_REGISTERS: Final = 16
-"""Largest number of components of an output that is assembled in registers, and of an input loaded into them."""
+MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS: Final = 16
+"""Largest number of components of an output array that is assembled in registers, and of those that are needed of an
+input array that is loaded into registers."""
 
 MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS: Final = 256
 """Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
@@ -28,11 +29,11 @@ More of them are stored as single numbers, so that they leave space in the first
 registers take longer to broadcast a number to a vector than to load a vector.
 """
 
-_MAX_OPERATIONS_OF_UNSPLIT_PART: Final = 1000
-"""Number of operations up to which a part is not split, so that fewer values pass through the frame."""
+_MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS: Final = 1000
+"""Number of operations in a row up to which they are one step, so that fewer values pass through the frame."""
 
-_MAX_OPERATIONS_PER_SPLIT_STEP: Final = 300
-"""Number of operations of each step of a longer part: few enough for LLVM to spill few registers."""
+_MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING: Final = 300
+"""Number of operations of each step into which more operations are split: LLVM spills few registers then."""
 
 _MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME: Final = 40
 """Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
@@ -43,7 +44,7 @@ _LLVM_INSTRUCTION_BY_OPERATION: Final = {
     "*": "fmul",
     "/": "fdiv",
     "negative": "fneg",
-}  # LLVM's instructions
+}  # by the name of the traced operation
 
 
 class ComponentGroup(NamedTuple):
@@ -63,7 +64,7 @@ class ComponentGroup(NamedTuple):
         """Whether the group has few enough components to be assembled in registers. Wider outputs are copied from the
         frame, the kernel's buffer of vectors.
         """
-        return len(self.values) <= MAX_COMPONENTS_IN_REGISTERS
+        return len(self.values) <= MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
 
 
 class Carry(NamedTuple):
@@ -105,7 +106,7 @@ class Arithmetic:
         inputs: groups of input components.
         outputs: groups of output components.
         carry: carried values of a scan, or None.
-        number: LLVM's type of the numbers, "double" or "float".
+        float_type: LLVM's type of the numbers, "double" or "float".
         fuse: whether sums are fused with products (FMA).
 
     Attributes:
@@ -129,13 +130,13 @@ class Arithmetic:
         inputs: Sequence[ComponentGroup],
         outputs: Sequence[ComponentGroup],
         carry: Carry | None,
-        number: str,
+        float_type: str,
         fuse: bool,
     ) -> None:
         self.inputs, self.outputs, self.carry = inputs, outputs, carry
-        self.number, self.fuse = number, fuse
-        self.vector = f"<{LANE_COUNT} x {number}>"
-        self.number_bytes = 8 if number == "double" else 4
+        self.float_type, self.fuse = float_type, fuse
+        self.vector = f"<{LANE_COUNT} x {float_type}>"
+        self.number_bytes = 8 if float_type == "double" else 4
         results = [value for group in outputs for value in group.values]
         results += list(carry.after) if carry else []
         lines = needed_values(results)
@@ -150,7 +151,7 @@ class Arithmetic:
         self.varying_steps = self._split_steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
         self.register_inputs = {
-            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_COMPONENTS_IN_REGISTERS
+            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
         }
         self._outputs_after_value = self._schedule_row_stores()
         self._schedule_loads()
@@ -329,19 +330,16 @@ class Arithmetic:
         loaded = (self.inputs[g].values[c] for g, components in step.loads.items() for c in components)
         return [*(value for value in loaded if isinstance(value, TracedValue)), *step.lines]
 
-    def slot_address(self, f: FunctionBuilder, number: int) -> str:
-        """Append to the function `f` the computation of the address of the slot with this number in the frame, the
-        kernel's buffer of vectors. Return the name of the address.
+    def slot_address(self, f: FunctionBuilder, slot_index: int) -> str:
+        """Append to the function `f` the computation of the address of a slot in the frame, the kernel's buffer of
+        vectors, and return the name of the address.
         """
-        return f.pointer_at("%frame", number * LANE_COUNT * self.number_bytes)
+        return f.pointer_at("%frame", slot_index * LANE_COUNT * self.number_bytes)
 
-    def store_slot(self, f: FunctionBuilder, number: int, value: str) -> None:
-        """Append to the function `f` the store of a vector, whose name is `value`, into the slot of the frame with
-        this number.
-        """
-        f.do(
-            f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANE_COUNT * self.number_bytes}"
-        )
+    def store_slot(self, f: FunctionBuilder, slot_index: int, value: str) -> None:
+        """Append to the function `f` the store of a vector, whose name is `value`, into a slot of the frame."""
+        address = self.slot_address(f, slot_index)
+        f.do(f"store {self.vector} {value}, ptr {address}, align {LANE_COUNT * self.number_bytes}")
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
         """Return a list with the byte offset in the frame of each component of `group`, a wide output, in tiles of
@@ -418,13 +416,13 @@ class Arithmetic:
         """
         if not isinstance(value, TracedValue):
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
-            return f"splat ({self.number} {hexadecimal(rounded)})"
+            return f"splat ({self.float_type} {hexadecimal(rounded)})"
         name, position = self._names.get(id(value), ("", 0))
         if not name or self._position - position > _MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
-                number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", value.name)
-                name = self._f.splat(self.vector, f"{self.number} {number}")
+                number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}", value.name)
+                name = self._f.splat(self.vector, f"{self.float_type} {number}")
             elif id(value) in self.slots:
                 place = self.slot_address(self._f, self.slots[id(value)])
                 name = self._f.put(
@@ -513,9 +511,9 @@ class Arithmetic:
         for c in components:
             value, offset, vector = self.inputs[input_index].values[c], f.multiply(step, c) if c else 0, "poison"
             for k, sample in enumerate(samples):
-                one = f.put(f"load {self.number}, ptr {f.pointer_at(sample, offset)}, align 1")
+                one = f.put(f"load {self.float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
                 note = value.name if k == LANE_COUNT - 1 and isinstance(value, TracedValue) else ""
-                vector = f.put(f"insertelement {self.vector} {vector}, {self.number} {one}, i32 {k}", note)
+                vector = f.put(f"insertelement {self.vector} {vector}, {self.float_type} {one}, i32 {k}", note)
             self._names[id(value)] = vector, 0
             if id(value) in self.slots:
                 self.store_slot(f, self.slots[id(value)], vector)
@@ -569,8 +567,8 @@ def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], 
     none. Return a list of pairs of a part and an empty list, which stands for the angles of a step.
     """
     count = (
-        -(-len(lines) // _MAX_OPERATIONS_PER_SPLIT_STEP)
-        if len(lines) > _MAX_OPERATIONS_OF_UNSPLIT_PART
+        -(-len(lines) // _MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING)
+        if len(lines) > _MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS
         else min(len(lines), 1)
     )
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]

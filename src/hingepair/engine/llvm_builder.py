@@ -11,14 +11,14 @@ LANE_COUNT: Final = 8  # number of samples in one vector
 CACHE_LINE_BYTES: Final = 64  # size of a cache line of the processor
 
 
-def number_type(single: bool) -> str:
+def float_type_name(single: bool) -> str:
     """Return LLVM's name of a floating-point type: "float" if `single` is true (single precision), else "double"."""
     return "float" if single else "double"
 
 
-def shared_name(function: str, number: str) -> str:
+def shared_name(function: str, float_type: str) -> str:
     """Return the linker symbol of a function that kernels share, for numbers of type "double" or "float"."""
-    return f"@hingepair.{function}.{number}"
+    return f"@hingepair.{function}.{float_type}"
 
 
 def hexadecimal(number: float) -> str:

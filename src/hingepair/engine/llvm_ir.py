@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm_arithmetic import Arithmetic, Carry, ComponentGroup, KernelStep
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT, FunctionBuilder, number_type, shared_name
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT, FunctionBuilder, float_type_name, shared_name
 from hingepair.engine.llvm_memory import (
     MAX_COMPONENTS_OF_STREAMED_OUTPUT,
     PREFETCH_DISTANCE_SAMPLES,
@@ -64,7 +64,7 @@ def kernel_ir(
         fuse: whether sums are fused with products (FMA).
         carry: the carried values of a scan, in which each outer sample is a chain of inner samples; None for a map.
     """
-    return _KernelBuilder(Arithmetic(inputs, outputs, carry, number_type(single), fuse)).module()
+    return _KernelBuilder(Arithmetic(inputs, outputs, carry, float_type_name(single), fuse)).module()
 
 
 class _KernelBuilder:
@@ -84,13 +84,13 @@ class _KernelBuilder:
         """Return the LLVM module as text: constant tables, declarations, the functions of the steps, and the kernel.
         Appends to the builder, so it is called once.
         """
-        number = self.arithmetic.number
+        float_type = self.arithmetic.float_type
         steps = self.arithmetic.step_functions()
         self.write_kernel()
         lanewise = [lanewise_function(name) for name in self.arithmetic.lanewise_functions]
         definitions = [
             *self.tables,
-            *declarations(number),
+            *declarations(float_type),
             _LLVM_INTRINSIC_DECLARATIONS,
             *lanewise,
             *steps,
@@ -109,7 +109,7 @@ class _KernelBuilder:
         """Append the call of a shared function, given by its short name. Its arguments, LLVM IR text, are the further
         positional arguments.
         """
-        self.f.do(f"call void {shared_name(function, self.arithmetic.number)}({', '.join(arguments)})")
+        self.f.do(f"call void {shared_name(function, self.arithmetic.float_type)}({', '.join(arguments)})")
 
     def write_kernel(self) -> None:
         """Append all instructions of the kernel function: the loops over outer and inner samples, and the final fence

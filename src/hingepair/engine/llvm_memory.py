@@ -25,18 +25,18 @@ WIDE_OUTPUT_COMPONENTS_PER_PANEL: Final = 64
 MAX_COMPONENTS_OF_STREAMED_OUTPUT: Final = 512
 """Largest number of components of an output whose blocks have a stage (of 32 kB) and may be streamed."""
 
-_CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
+_LLVM_CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
 # Parameters of a function that stores samples into an output of any strides.
-_OUTPUT_PARAMETER_LIST: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
+_LLVM_OUTPUT_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
 LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
-    "scatter": f"ptr noalias %from, i64 %count, {_OUTPUT_PARAMETER_LIST}",
+    "scatter": f"ptr noalias %from, i64 %count, {_LLVM_OUTPUT_PARAMETERS}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
-    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_OUTPUT_PARAMETER_LIST}",
+    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_LLVM_OUTPUT_PARAMETERS}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
 """Parameter list (LLVM IR) of each memory function, by its name; the functions return nothing.
@@ -262,15 +262,18 @@ def _flush_function(float_type: str, number_bytes: int) -> str:
     with f.loop(
         f.put(f"sub i64 {whole}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(CACHE_LINE_BYTES)
     ) as b:
-        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at('%stage', b)}, align {number_bytes}")
-        f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {f.pointer_at(to, b)}, align {CACHE_LINE_BYTES}, !nontemporal !0")
+        bits = f.put(f"load {_LLVM_CACHE_LINE_TYPE}, ptr {f.pointer_at('%stage', b)}, align {number_bytes}")
+        target = f.pointer_at(to, b)
+        f.do(f"store {_LLVM_CACHE_LINE_TYPE} {bits}, ptr {target}, align {CACHE_LINE_BYTES}, !nontemporal !0")
     with f.when_else("%last") as otherwise:
         with f.when(f.put(f"icmp sge i64 {whole}, {start}")):
             copy_numbers(whole, stop)
         otherwise()
         end = f.pointer_at("%stage", "%bytes")
-        bits = f.put(f"load {_CACHE_LINE_TYPE}, ptr {f.pointer_at(end, -CACHE_LINE_BYTES)}, align {number_bytes}")
+        bits = f.put(
+            f"load {_LLVM_CACHE_LINE_TYPE}, ptr {f.pointer_at(end, -CACHE_LINE_BYTES)}, align {number_bytes}"
+        )
         before = f.pointer_at("%stage", -CACHE_LINE_BYTES)
-        f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")
+        f.do(f"store {_LLVM_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")
     f.do("ret void")
     return f.text()

@@ -1,4 +1,4 @@
-"""The LLVM functions that all kernels share, compiled once for each number type."""
+"""The LLVM functions that all kernels share, compiled once for each floating-point type."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION: Final = {
 """Parameter list (LLVM IR) of each shared function, by its name."""
 
 
-def shared_ir(number: str) -> str:
+def shared_ir(float_type: str) -> str:
     """Return the LLVM module, as text, of all functions that kernels share, for numbers of type "double" or
     "float".
     """
-    return "\n\n".join([*memory_functions(number), *sine_functions(number), "!0 = !{i32 1}"]) + "\n"
+    return "\n\n".join([*memory_functions(float_type), *sine_functions(float_type), "!0 = !{i32 1}"]) + "\n"
 
 
-def shared_symbols(number: str) -> list[str]:
+def shared_symbols(float_type: str) -> list[str]:
     """Return the list of linker symbols of the shared functions for numbers of type "double" or "float"."""
-    return [shared_name(name, number)[1:] for name in _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION]
+    return [shared_name(name, float_type)[1:] for name in _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION]
 
 
-def declarations(number: str) -> list[str]:
+def declarations(float_type: str) -> list[str]:
     """Return a list of LLVM declarations of the shared functions, for numbers of type "double" or "float"."""
     return [
-        f"declare void {shared_name(name, number)}({parameters})"
+        f"declare void {shared_name(name, float_type)}({parameters})"
         for name, parameters in _LLVM_PARAMETER_LIST_BY_SHARED_FUNCTION.items()
     ]

@@ -13,22 +13,22 @@ DOUBLE_VECTOR_TYPE: Final = f"<{LANE_COUNT} x double>"  # LLVM's type of a vecto
 _MAX_REDUCIBLE_ANGLE_RAD: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
 _INTEGER_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52; adding it rounds to an integer in the low bits
 _HALF_PI_SUMMANDS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
-# Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r / r - 1) / r^2 with a relative error of
-# 2e-17 and (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18.
-_SIN_POLYNOMIAL_COEFFS: Final = (
+# Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r - r) / r^3 with a relative error of 2e-17
+# and (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18.
+_SIN_CUBIC_REMAINDER_COEFFS: Final = (
     *(1.5918115263265974e-10, -2.505113165023518e-08, 2.7557316101617874e-06),
     *(-0.00019841269836756774, 0.008333333333330948, -0.16666666666666666),
 )
 # Coefficients of the second polynomial, highest power first.
-_COS_POLYNOMIAL_COEFFS: Final = (
+_COS_QUARTIC_REMAINDER_COEFFS: Final = (
     *(-1.1382623647474604e-11, 2.087614614655861e-09, -2.7557317271145144e-07),
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),
 )
 _TWO_OVER_PI: Final = 0.6366197723675814  # quarter turns per radian
-_SINE_CONSTANTS_TABLE: Final = (
+_SINE_FUNCTION_CONSTANTS: Final = (
     *_HALF_PI_SUMMANDS,
-    *_SIN_POLYNOMIAL_COEFFS,
-    *_COS_POLYNOMIAL_COEFFS,
+    *_SIN_CUBIC_REMAINDER_COEFFS,
+    *_COS_QUARTIC_REMAINDER_COEFFS,
     _TWO_OVER_PI,
     _INTEGER_ROUNDING_OFFSET,
     0.5,
@@ -44,11 +44,11 @@ LLVM_PARAMETER_LIST_BY_SINE_FUNCTION: Final = {
 """Parameter list (LLVM IR) of each sine function that kernels call, by its name."""
 
 
-def sine_functions(number: str) -> list[str]:
+def sine_functions(float_type: str) -> list[str]:
     """Return a list of LLVM code, declarations and functions, that computes sine, cosine and 1 - cosine of vectors of
     type "double" or "float".
     """
-    return [_LLVM_SINE_DECLARATIONS, _constants_table(), _sines_function(number), _large_angles_function()]
+    return [_LLVM_SINE_DECLARATIONS, _constants_table(), _sines_function(float_type), _large_angles_function()]
 
 
 # Declarations of the functions that the generated sines call.
@@ -67,14 +67,14 @@ def _constants_table() -> str:
     LLVM cannot know the content of a variable, and so loads each constant in the instruction that uses it. For
     constants in the code, LLVM would load the addresses first and keep all of them in registers, which would spill.
     """
-    numbers = ", ".join(f"double {hexadecimal(number)}" for number in _SINE_CONSTANTS_TABLE)
-    table = f"@constants = internal constant [{len(_SINE_CONSTANTS_TABLE)} x double] [{numbers}], align 64"
+    numbers = ", ".join(f"double {hexadecimal(number)}" for number in _SINE_FUNCTION_CONSTANTS)
+    table = f"@constants = internal constant [{len(_SINE_FUNCTION_CONSTANTS)} x double] [{numbers}], align 64"
     return f"{table}\n@constants.address = internal global ptr @constants"
 
 
-def _sines_function(number: str) -> str:
+def _sines_function(float_type: str) -> str:
     """Return the LLVM code of the function `sines`, which stores sine, cosine and 1 - cosine of each vector of angles
-    [rad], one behind the other. `number` is the type "double" or "float".
+    [rad], one behind the other, for numbers of type "double" or "float".
 
     Sine and cosine are right to 1.5 ulp, 1 - cosine to 2.5 ulp.
 
@@ -82,9 +82,9 @@ def _sines_function(number: str) -> str:
     multiple of pi/2, in three parts; the quadrant selects polynomial and sign. Vectors with an angle beyond
     `_MAX_REDUCIBLE_ANGLE_RAD`, inf or NaN are computed again lane by lane.
     """
-    size = 8 if number == "double" else 4
-    vector = f"<{LANE_COUNT} x {number}>"
-    f = FunctionBuilder(f"void {shared_name('sines', number)}({LLVM_PARAMETER_LIST_BY_SINE_FUNCTION['sines']})")
+    size = 8 if float_type == "double" else 4
+    vector = f"<{LANE_COUNT} x {float_type}>"
+    f = FunctionBuilder(f"void {shared_name('sines', float_type)}({LLVM_PARAMETER_LIST_BY_SINE_FUNCTION['sines']})")
     scratch = f.put(f"alloca [4 x {DOUBLE_VECTOR_TYPE}], align 64")
     f.do("%constants = load ptr, ptr @constants.address, align 8")
     with f.loop("%count") as k:
@@ -94,7 +94,7 @@ def _sines_function(number: str) -> str:
             x = f.put(f"fpext {vector} {x} to {DOUBLE_VECTOR_TYPE}")
         target = f.pointer_at("%to", f.multiply(k, len(SINE_OPERATION_NAMES) * LANE_COUNT * size))
         terms = _write_reduced_sines(f, x)
-        _store_terms(f, number, terms, target)
+        _store_terms(f, float_type, terms, target)
         absolute = f.put(f"call {DOUBLE_VECTOR_TYPE} @llvm.fabs.v{LANE_COUNT}f64({DOUBLE_VECTOR_TYPE} {x})")
         inside = f.put(f"fcmp ole {DOUBLE_VECTOR_TYPE} {absolute}, {_load_constant(f, _MAX_REDUCIBLE_ANGLE_RAD)}")
         bits = f.put(f"bitcast <{LANE_COUNT} x i1> {inside} to i{LANE_COUNT}")
@@ -104,16 +104,16 @@ def _sines_function(number: str) -> str:
                 f.do(f"store {DOUBLE_VECTOR_TYPE} {term}, ptr {place}, align 64")
             f.do(f"call void @far(ptr {scratch})")
             corrected = [f.put(f"load {DOUBLE_VECTOR_TYPE}, ptr {place}, align 64") for place in places[1:]]
-            _store_terms(f, number, corrected, target)
+            _store_terms(f, float_type, corrected, target)
     f.do("ret void")
     return f.text()
 
 
-def _store_terms(f: FunctionBuilder, number: str, terms: Sequence[str], target: str) -> None:
+def _store_terms(f: FunctionBuilder, float_type: str, terms: Sequence[str], target: str) -> None:
     """Append to the function `f` stores of the vectors of doubles named in `terms`, one behind the other from the
-    address `target` on. If the number type is "float", the vectors are rounded first.
+    address `target` on. If float_type is "float", the vectors are rounded to float32 first.
     """
-    size, vector = (8 if number == "double" else 4), f"<{LANE_COUNT} x {number}>"
+    size, vector = (8 if float_type == "double" else 4), f"<{LANE_COUNT} x {float_type}>"
     for j, term in enumerate(terms):
         one = term if size == 8 else f.put(f"fptrunc {DOUBLE_VECTOR_TYPE} {term} to {vector}")
         f.do(f"store {vector} {one}, ptr {f.pointer_at(target, LANE_COUNT * size * j)}, align {LANE_COUNT * size}")
@@ -121,7 +121,7 @@ def _store_terms(f: FunctionBuilder, number: str, terms: Sequence[str], target: 
 
 def _load_constant(f: FunctionBuilder, number: float) -> str:
     """Append the load of a constant from the table into all lanes of a vector, and return the name of the vector."""
-    one = f.put(f"load double, ptr {f.pointer_at('%constants', 8 * _SINE_CONSTANTS_TABLE.index(number))}, align 8")
+    one = f.put(f"load double, ptr {f.pointer_at('%constants', 8 * _SINE_FUNCTION_CONSTANTS.index(number))}, align 8")
     return f.splat(DOUBLE_VECTOR_TYPE, f"double {one}")
 
 
@@ -161,9 +161,11 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
     for part in _HALF_PI_SUMMANDS:
         r = fma(back, constant(part), r)
     z = put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {r}")
-    small = fma(put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {z}"), polynomial(z, _SIN_POLYNOMIAL_COEFFS), r)
+    small = fma(put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {z}"), polynomial(z, _SIN_CUBIC_REMAINDER_COEFFS), r)
     square = put(f"fneg {DOUBLE_VECTOR_TYPE} {put(f'fmul {DOUBLE_VECTOR_TYPE} {z}, {z}')}")
-    drop = fma(square, polynomial(z, _COS_POLYNOMIAL_COEFFS), put(f"fmul {DOUBLE_VECTOR_TYPE} {z}, {constant(0.5)}"))
+    drop = fma(
+        square, polynomial(z, _COS_QUARTIC_REMAINDER_COEFFS), put(f"fmul {DOUBLE_VECTOR_TYPE} {z}, {constant(0.5)}")
+    )
     large = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(1.0)}, {drop}")
     odd = bit(1, quadrant)
     sine, cosine = pick(odd, large, small), pick(odd, small, large)

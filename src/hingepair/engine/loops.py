@@ -35,7 +35,7 @@ from hingepair.engine.binding import (
     shapes_and_strides,
 )
 from hingepair.engine.llvm_arithmetic import Carry, ComponentGroup
-from hingepair.engine.llvm_builder import number_type
+from hingepair.engine.llvm_builder import float_type_name
 from hingepair.engine.llvm_ir import kernel_ir
 from hingepair.engine.trace import (
     NON_ARITHMETIC_OPERATION_NAMES,
@@ -325,7 +325,7 @@ class Program:
                 kernel = self._kernels.get(key)
                 if kernel is None:
                     ir = self.llvm_ir(*key, fuse=can_fuse() and not self.loop.exact)
-                    kernel = self._kernels[key] = Kernel(self.loop.name, ir, number_type(key.dtype_char == "f"))
+                    kernel = self._kernels[key] = Kernel(self.loop.name, ir, float_type_name(key.dtype_char == "f"))
         return kernel
 
     def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
