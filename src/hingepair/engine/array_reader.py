@@ -88,8 +88,9 @@ def call_descriptor(
 ) -> list[int]:
     """Return the list of integers that tell the machine code of `call_ir` the address of the kernel, how many
     arguments to expect, and how each is laid out. `inputs` holds pairs (shape of one sample, index among the kernel's
-    inputs or -1), `outputs` the shapes of one sample; `has_constants` says that the kernel takes constants first.
-    From `min_unlocked_samples` samples on, the machine code releases the interpreter's lock (GIL).
+    inputs, or -1 for an input that the kernel does not take), `outputs` the shapes of one sample; `has_constants`
+    says that the kernel takes constants first. From `min_unlocked_samples` samples on, the machine code releases the
+    interpreter's lock (GIL).
 
     Args:
         inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that
@@ -129,8 +130,9 @@ _LLVM_KERNEL_CALL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64
 
 
 def call_ir() -> str:
-    """Return the LLVM module, as text, of the function `call`, which Python calls with arrays or floats. It runs a
-    kernel on them, if it supports them, without copying.
+    """Return the LLVM module, as text, of the function `call`, which Python calls with arrays or floats. The function
+    runs a kernel on them without copying if it supports them. The text holds addresses of Python objects and is valid
+    in this process only.
 
     The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
     ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch
@@ -234,8 +236,9 @@ no:
 
 
 def _read_arguments_ir() -> str:
-    """Return the LLVM code, as text, of the function `read_arguments`. That function checks the arguments and writes
-    their addresses and strides into a kernel's table.
+    """Return the LLVM code, as text, of the function `read_arguments`, which checks the arguments and writes their
+    addresses and strides into a kernel's table. The text holds addresses of Python objects and is valid in this
+    process only.
 
     The function reads the arguments in order, inputs first. It returns the number of samples (1 for a single state);
     -1 where an argument is not supported; and -1 - n where the inputs are a batch of n samples but the outputs have

@@ -114,7 +114,8 @@ class BreakEvenCounter:
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
         """Add the seconds that a kernel would have saved in one call by NumPy with `samples` samples to the sum of
-        all calls, and return whether compiling a kernel pays from now on.
+        all calls, and return whether compiling a kernel pays from now on. `chain_length` is the number of samples of
+        each chain of a scan, which NumPy computes one after the other.
 
         Args:
             samples: number of samples of the call.

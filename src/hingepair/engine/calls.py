@@ -280,9 +280,9 @@ class Call:
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
         """Return the results for checked arguments, `values`, of one state or of many; `shapes` are their leading
-        shapes. Outputs named in `out` are written into its arrays, `dtype` None means that of the values, and a
-        kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of `out` does not fit,
-        or a limit is exceeded.
+        shapes. Outputs named in `out` are written into its arrays. If `dtype` is None, the results have the dtype of
+        the values; a kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of `out`
+        does not fit, or a limit is exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -321,7 +321,8 @@ class Call:
     ) -> Any:
         """Return the results as the function `fast_path` (generated Python or machine code) computes them, written
         into `out` if that is given; return None if it does not support the arguments. `values` are the arguments and
-        `shapes` their leading shapes; `dtype` None means that of the values. Compiles the kernel when that pays.
+        `shapes` their leading shapes, both by name; if `dtype` is None, the results have the dtype of the values.
+        Compiles the kernel when that pays.
         """
         single = not any(shapes.values())
         if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
@@ -386,8 +387,8 @@ class Call:
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
         """Return the results as arrays of another array library, which computes them; the result class is registered
-        with JAX if JAX is the library. Limits are not checked. Raises an error if `out`, a backend or several workers
-        are requested.
+        with JAX if JAX is the library. Limits are not checked. Raises an error if `out` or several workers are
+        requested, or if the call has a backend other than "auto".
 
         Args:
             values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
@@ -437,7 +438,9 @@ class Call:
         return self._cached_limits_call
 
     def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Call `on_limit`, which raises an error, with the arguments if an output exceeds its limit at any sample."""
+        """Call `on_limit`, which raises an error, with the arguments if an output exceeds its limit at any sample.
+        `arrays` holds the outputs and `arguments` the arguments by name.
+        """
         for name, limits in self._limits.items():
             array = arrays[name]
             if (array > limits[array.dtype.itemsize]).any() and self._on_limit is not None:

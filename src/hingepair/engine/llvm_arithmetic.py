@@ -501,9 +501,9 @@ class Arithmetic:
     # ---- narrow inputs and outputs
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Append the loads of some components, given by their indices, of one input for eight samples, by one scalar
-        load for each lane. The vectors are recorded as the components' values and stored in their slots of the frame,
-        if they have any.
+        """Append to the function being built instructions that load some components, given by their indices, of one
+        input for eight samples, one number at a time. The vectors are recorded as the components' values and stored
+        in their slots of the frame, if they have any.
         """
         f, word = self._f, 8 * self.word_offsets[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANE_COUNT)
@@ -519,8 +519,8 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Append the stores of eight samples of one output of few components, from vectors in registers. The rows
-        follow each other in memory, from an address that the kernel has set.
+        """Append to the function being built instructions that store eight samples of one output of few components
+        from vectors in registers. The rows follow each other in memory, from an address that the kernel has set.
         """
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
@@ -535,9 +535,10 @@ class Arithmetic:
     def _pack_numbers(
         self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
     ) -> str:
-        """Append the shuffles that collect eight consecutive numbers of an output's block of rows, from number
-        `first_number` on, and return the name of the vector. sample_vectors holds for each sample the vectors of
-        eight of its components each, and remaining_vectors the vectors, over all samples, of the last components.
+        """Append to the function being built the shuffles that collect eight consecutive numbers of an output's block
+        of rows, from number `first_number` on, and return the name of the vector. sample_vectors holds for each
+        sample the vectors of eight of its components each, and remaining_vectors the vectors, over all samples, of
+        the last components.
 
         Args:
             sample_vectors: for each sample, vectors that hold eight of its components each.

@@ -66,8 +66,8 @@ class FunctionBuilder:
         self._block = label
 
     def new_labels(self, *kinds: str) -> list[str]:
-        """Return a list of new labels, which are unique in the function: one for each of the positional arguments,
-        with which it begins.
+        """Return a list of new labels, which are unique in the function. Each label begins with one of the positional
+        arguments.
         """
         self._count += 1
         return [f"{kind}.{self._count}" for kind in kinds]
@@ -75,7 +75,8 @@ class FunctionBuilder:
     @contextmanager
     def loop(self, stop: str, start: str = "0", step: str = "1") -> Iterator[str]:
         """Append a loop around the instructions of the `with` block (context manager), and yield the name of its
-        64-bit counter. The counter begins at `start` and grows by `step`; the loop ends before it reaches `stop`.
+        64-bit counter. The counter begins at `start` and grows by `step`; the loop ends before it reaches `stop`. All
+        three are names of LLVM values or digits.
 
         Args:
             stop: the value at which the loop ends; it is not reached.
@@ -149,7 +150,7 @@ class FunctionBuilder:
 
     def load_entry(self, table: str, k: str) -> str:
         """Append the load of the k-th entry of a table of 32-bit integers, and return the name of the entry as a
-        64-bit integer.
+        64-bit integer. `k` is the name of an LLVM value or digits.
         """
         place = self.pointer_at(table, 4 * int(k) if k.isdigit() else self.multiply(k, 4))
         return self.put(f"zext i32 {self.put(f'load i32, ptr {place}, align 4')} to i64")

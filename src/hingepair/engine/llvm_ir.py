@@ -54,8 +54,8 @@ def kernel_ir(
     carry: Carry | None = None,
 ) -> str:
     """Return the LLVM module, as text, of the function `kernel(table, outer, inner)`, which computes outer times
-    inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array, `single` chooses float32, `fuse`
-    fused multiply-adds, and `carry`, the carried values, a scan instead of a map.
+    inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array; `single` selects float32 instead of
+    float64, and `fuse` fused multiply-adds. If `carry` is given, the kernel is a scan, else a map.
 
     Args:
         inputs: groups of input components, in the order of the table's rows.
@@ -204,7 +204,7 @@ class _KernelBuilder:
 
 
 class _InputReader:
-    """Builder of the LLVM code that reads one input of a kernel.
+    """Builder of the LLVM code that reads one input of a kernel. Its methods append instructions to the kernel.
 
     Args:
         kernel: builder of the kernel.
@@ -258,8 +258,8 @@ class _InputReader:
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the input's address at an outer sample, and keep its name in `base`. In a scan,
-        the outer sample is the first of eight chains.
+        """Append to the kernel the computation of the input's address at an outer sample, and keep the name of the
+        address in `base`. In a scan, the outer sample is the first of eight chains.
         """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
@@ -274,8 +274,8 @@ class _InputReader:
         self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
 
     def read(self, inner_index: str, samples_left: str) -> None:
-        """Append the loads and prefetches of the eight inner samples that begin at `inner_index`, of which the first
-        `samples_left` exist. Append nothing for an input that does not vary.
+        """Append to the kernel instructions that load and prefetch this input for the eight inner samples that begin
+        at `inner_index`, of which the first `samples_left` exist. Append nothing for an input that does not vary.
         """
         f = self.f
         if not self.group.varies:
@@ -294,8 +294,9 @@ class _InputReader:
                 self.store_lane_offsets(samples_left)
 
     def read_uniform(self, chains_left: str) -> None:
-        """Append the loads of an input's components that are equal for all inner samples, into the frame, as single
-        numbers or as vectors. In a scan, the vectors hold the first `chains_left` of eight chains.
+        """Append to the kernel instructions that load this input, which is equal for all inner samples, into the
+        frame: each needed component as a vector, or as a single number if there are many components. In a scan, the
+        lanes of a vector are eight chains, of which the first `chains_left` exist.
         """
         f = self.f
         if self.shared:
@@ -306,8 +307,8 @@ class _InputReader:
             self.gather_components(self.base, chains_left)
 
     def gather_components(self, row_address: str, samples_left: str) -> None:
-        """Append the loads of the needed components of eight samples into the frame. The first sample is at
-        `row_address`, and the first `samples_left` samples exist.
+        """Append to the kernel instructions that load the needed components of this input for eight samples into the
+        frame. The first sample is at `row_address`, and the first `samples_left` samples exist.
         """
         f = self.f
         to = self.kernel.arithmetic.slot_address(f, self.slot)
@@ -326,7 +327,7 @@ class _InputReader:
 
 class _OutputWriter:
     """Builder of the LLVM code that stores one output of a kernel, directly or through a buffer on the stack (the
-    stage).
+    stage). Its methods append instructions to the kernel.
 
     Args:
         kernel: builder of the kernel.
@@ -378,8 +379,8 @@ class _OutputWriter:
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, to: str) -> None:
-        """Append the store of an address, whose name is `to`, as that to which the steps write the rows of a
-        block.
+        """Append the store of the address to which the steps write the rows of a block. `to` is the name of the
+        address.
         """
         self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
@@ -397,8 +398,8 @@ class _OutputWriter:
         self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
     def flush(self, inner_index: str, sample_count: str, is_last: str) -> None:
-        """Append the copy, by streaming stores, of `sample_count` samples from the stage to the output from
-        `inner_index` on. `is_last` is the LLVM condition that nothing follows.
+        """Append to the kernel the copy, by streaming stores, of `sample_count` samples from the stage, a buffer on
+        the stack, to the output from `inner_index` on. `is_last` is the LLVM condition that nothing follows.
         """
         f = self.f
         at = f.put(f"add i64 {self.start}, {f.multiply(inner_index, self.row_bytes)}")
@@ -437,8 +438,8 @@ class _OutputWriter:
             self.kernel.call_shared("scatter", f"ptr {self.stage}, i64 {self.count}", target)
 
     def end_outer(self) -> None:
-        """Append the streaming stores of an outer sample's last rows, which are still in the stage. Append nothing
-        for an output that is never streamed.
+        """Append to the kernel the streaming stores of an outer sample's last rows, which are still in the stage, a
+        buffer on the stack. Append nothing for an output that is never streamed.
         """
         f = self.f
         if self.streamed != "false":

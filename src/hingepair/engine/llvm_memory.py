@@ -51,8 +51,8 @@ declare i64 @llvm.umin.i64(i64, i64)"""
 
 
 def memory_functions(float_type: str) -> list[str]:
-    """Return a list of LLVM code for numbers of type "double" or "float": declarations, then the functions that load
-    samples into vectors and store results.
+    """Return a list of LLVM code for numbers of type "double" or "float": declarations, then the shared functions
+    that load samples into vectors and store results.
     """
     makers = (
         _lanes_function,
@@ -215,8 +215,9 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
 
 def _panels_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM code of the function `panels`, which copies very wide rows from the frame into an output of any
-    strides, one panel of components at a time.
+    """Return the LLVM code of the function `panels`, which stores up to eight samples of an output with very many
+    components from the frame into memory of any strides. It makes rows of 64 components at a time (a panel) in the
+    stage, a small buffer, and copies them to the output.
 
     The last panel may be twice as wide as the others.
     """

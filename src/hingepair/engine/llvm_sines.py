@@ -141,7 +141,7 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
         """Append the evaluation of a polynomial of the vector z by Horner's scheme, and return the name of the
-        result. The coefficients are numbers, that of the highest power first.
+        result. The coefficients are numbers, highest power first.
         """
         value = constant(coefficients[0])
         for c in coefficients[1:]:
