@@ -164,7 +164,7 @@ def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
 
 NAMED_FOR_CONTRIBUTORS = {
     "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
-    "plans/plan.py": ("_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
+    "plans/plan.py": ("_SPATIAL_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
     "pair/states.py": ("PairState",),
     "scenes/explain.py": ("_DESCRIPTION_BY_STEP_NAME",),
     "equations/trees.py": ("slides",),
@@ -201,7 +201,7 @@ SHARED_NAMES = {
     # one quantity, of a pair and of a tree
     *("kinetic_energy", "mass_matrix"),
     # one alias of types
-    *("Array", "Columns", "Tail", "Returned"),
+    *("Array", "Columns", "Returned"),
     # one function, of traced values and of arrays of another library, and of pairs and of mechanisms
     *("where_less", "error_bounds"),
     # one function, of results and of sweeps, of pairs and of mechanisms

@@ -683,8 +683,8 @@ FAULTS = {
     ),
     "a lane loaded twice": Fault(
         "engine/llvm_arithmetic.py",
-        '{self.number} {one}, i32 {k}"',
-        '{self.number} {one}, i32 {max(k, 1)}"',
+        '{self.float_type} {one}, i32 {k}"',
+        '{self.float_type} {one}, i32 {max(k, 1)}"',
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "components of a vector stored in another order": Fault(
@@ -1181,7 +1181,7 @@ FAULTS = {
     ),
     "a free base that needs its acceleration to find it": Fault(
         "plans/trees.py",
-        'if request.free and "qdd" not in own else ()',
+        'if request.free and "qdd" not in input_names else ()',
         "if False else ()",
         "mechanism/test_forms.py::test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with",
     ),

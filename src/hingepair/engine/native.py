@@ -32,7 +32,7 @@ class Kernel:
     Args:
         name: name of the kernel in messages.
         ir: the kernel's LLVM module.
-        number: type of the numbers it computes with, "double" or "float".
+        float_type: type of the numbers it computes with, "double" or "float".
 
     Attributes:
         ir: the kernel's LLVM module.
@@ -44,10 +44,10 @@ class Kernel:
         CompilationError: LLVM does not compile the code; the error says why.
     """
 
-    def __init__(self, name: str, ir: str, number: str = "double") -> None:
+    def __init__(self, name: str, ir: str, float_type: str = "double") -> None:
         self.ir = ir
         with compiler_lock:
-            _link_shared_functions(number)
+            _link_shared_functions(float_type)
             self._engine = _compile_module(name, ir)
         self.address: int = self._engine.get_function_address("kernel")
         self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address)
@@ -124,24 +124,24 @@ def _compile_module(name: str, ir: str) -> Any:
         return engine
 
 
-def _link_shared_functions(number: str) -> None:
+def _link_shared_functions(float_type: str) -> None:
     """Register the shared functions for numbers of type "double" or "float" with LLVM, so that kernels can call them
     by name. The first call compiles them; raises an error if that fails.
     """
     llvm = load_llvmlite()
-    for symbol, address in _shared_functions(number, host_processor(llvm))[1].items():
+    for symbol, address in _shared_functions(float_type, host_processor(llvm))[1].items():
         llvm.add_symbol(symbol, address)
 
 
 @functools.cache
-def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
+def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
     """Compile the functions that all kernels share for a number type, "double" or "float", and record that for the
     estimates of compile time. Return the engine that owns their machine code, and a dictionary of their addresses by
     symbol; the result is cached by number type and processor.
     """
-    engine = _compile_module("shared functions", shared_ir(number))
+    engine = _compile_module("shared functions", shared_ir(float_type))
     mark_shared_code_compiled()
-    return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(number)}
+    return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(float_type)}
 
 
 @functools.cache

@@ -113,7 +113,7 @@ _ROTATION_POINT_STEPS_BY_BASE = {
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
-_ROTATIONAL_SOLUTION_STEPS = (
+_ANGULAR_ACCELERATION_STEPS = (
     Step(
         "solution",
         dyn.angular_accelerations,
@@ -128,7 +128,7 @@ _ACCELERATION_STEPS_BY_BASE = {
         Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
         Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
              ("net_hinge_torque", "mass_fraction2", "partial_velocity2", "force")),
-        *_ROTATIONAL_SOLUTION_STEPS,
+        *_ANGULAR_ACCELERATION_STEPS,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
         Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
         Step("a1", dyn.reference_point_rate, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
@@ -136,7 +136,7 @@ _ACCELERATION_STEPS_BY_BASE = {
     "pinned": (
         Step("torque_at_point", same, ("torque",)),
         Step("hinge_torque_at_point", same, ("net_hinge_torque",)),
-        *_ROTATIONAL_SOLUTION_STEPS,
+        *_ANGULAR_ACCELERATION_STEPS,
         Step("a1", same, ("none",)),
     ),
     "carried": (Step("psidd", lambda torque, J: torque / J[2], ("net_hinge_torque", "inertia_about_point")),),

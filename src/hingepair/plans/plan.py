@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
+from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
@@ -22,7 +23,7 @@ from hingepair.plans.dynamics_steps import (
     forward_dynamics_steps,
 )
 from hingepair.plans.steps import (
-    ATTITUDE1_STEPS_BY_INPUT,
+    ATTITUDE1_AND_CHECK_STEPS_BY_INPUT,
     ATTITUDE2_CHECK_STEPS,
     ATTITUDE2_STEP_WITHOUT_HOME,
     BODY2_KINEMATICS_STEPS,
@@ -36,7 +37,7 @@ from hingepair.plans.steps import (
     PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_KINEMATICS_STEPS,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
-    SENSITIVITY_STEPS,
+    SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS,
     SPATIAL_COORDINATE_NAMES,
     Step,
     coordinate_jacobian_steps,
@@ -44,13 +45,12 @@ from hingepair.plans.steps import (
 )
 from hingepair.rotations.sequences import find_sequence
 
-Tail: TypeAlias = tuple[int, ...]
 TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
 # Shapes of one sample of everything that can be given or computed in space, by name.
-_SHAPE_BY_QUANTITY_NAME: Final[dict[str, Tail]] = {
+_SPATIAL_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
@@ -89,16 +89,16 @@ class MotionKind:
     level at which each output is a default output (None: never).
 
     Attributes:
-        coordinates: what the components of q are called.
-        parts: of q, qd, qdd, what a plan calls the position, the angles and the hinge angle.
-        shapes: of one sample of everything that can be given or computed.
-        levels: of everything of the bodies that can be computed, the level at which it is a default output; None
-            where it is computed only when named.
+        coordinates: names of the components of q.
+        parts: names that a plan gives to the position, the angles and the hinge angle in q, qd and qdd.
+        shapes: shape of one sample of everything that can be given or computed, by name.
+        levels: level at which each quantity of the bodies is a default output; None if it is computed only when
+            named.
     """
 
     coordinates: tuple[str, ...]
     parts: Mapping[str, tuple[str, ...]]
-    shapes: Mapping[str, Tail]
+    shapes: Mapping[str, ArrayShape]
     levels: Mapping[str, int | None]
 
 
@@ -111,7 +111,7 @@ _LEVEL_BY_BODY2_OUTPUT_NAME = {
 SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
     PART_NAMES_BY_COORDINATE_ARRAY,
-    _SHAPE_BY_QUANTITY_NAME,
+    _SPATIAL_SHAPE_BY_QUANTITY_NAME,
     {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
@@ -119,7 +119,7 @@ PLANAR_MOTION_KIND: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     {
-        **_SHAPE_BY_QUANTITY_NAME,
+        **_SPATIAL_SHAPE_BY_QUANTITY_NAME,
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("q", "qd", "qdd"), (4,)),
@@ -143,9 +143,9 @@ class Plan:
     the steps, `inputs` the names of the inputs that are needed, and `kind` is the `MotionKind`.
 
     Attributes:
-        outputs: names, in the order asked for.
-        steps: what is computed.
-        inputs: which of the given things are needed.
+        outputs: names of the outputs, in the requested order.
+        steps: the steps, each after those on which it depends.
+        inputs: names of the inputs that the steps need.
         kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND.
     """
 
@@ -236,7 +236,7 @@ def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple
     """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) or
     below it if the user names none. `kind` is the `MotionKind`, in space or in a plane.
     """
-    return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
+    return tuple(name for name, lowest in kind.levels.items() if lowest is not None and lowest <= level)
 
 
 def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
@@ -273,7 +273,7 @@ def all_steps(
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
-    steps = [step for name in given_names for step in ATTITUDE1_STEPS_BY_INPUT.get(name, ())]
+    steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
         *(COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
@@ -284,7 +284,7 @@ def all_steps(
     if any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in given_names):
         return forward_dynamics_steps(tuple(steps))
     steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
-    steps += [*JACOBIAN_AND_BIAS_STEPS, *SENSITIVITY_STEPS]
+    steps += [*JACOBIAN_AND_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
     return tuple(step for step in steps if step.result not in given_names)

@@ -41,7 +41,7 @@ PLANAR_PART_NAMES_BY_COORDINATE_ARRAY = {
     "qdd": ("a1", "phi1dd", "psidd"),
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
-COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+FILE_COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     SPATIAL_COORDINATE_NAMES: {
         "q": SPATIAL_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
@@ -53,7 +53,7 @@ COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...
         "qdd": ("a1_x", "a1_y", "phidd", "psidd"),
     },
 }
-"""Names of the columns, in files and data frames, that hold the coordinates and their derivatives."""
+"""Names of the columns, in files and data frames, that hold q, qd and qdd, by the names of the coordinates."""
 
 # Steps to the parts of q, qd, qdd in space.
 COORDINATE_SPLIT_STEPS = tuple(
@@ -98,7 +98,7 @@ def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
 
-ATTITUDE1_STEPS_BY_INPUT = {
+ATTITUDE1_AND_CHECK_STEPS_BY_INPUT = {
     "S1": (Step("attitude1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
@@ -110,8 +110,8 @@ ATTITUDE1_STEPS_BY_INPUT = {
         Step("attitude1_check", _zero_quaternion_check, ("quat_wxyz",)),
     ),
 }
-"""The attitude of body 1 out of what else it can be given as, and a number by which an attitude that is none is
-refused: of a matrix, its distance from a rotation; of a quaternion, whether it is zero."""
+"""Steps to S1 from the input that gives the attitude of body 1, and to the number that tells whether this input is an
+attitude: the distance of a matrix from a rotation, or whether a quaternion is zero."""
 
 ATTITUDE2_CHECK_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
 """Step to the distance of a given S2 from a rotation."""
@@ -142,8 +142,9 @@ LEVER_CONSTANT_STEPS = (
     Step("lever_cos", eq.cross, ("lever_sin", "n")),
     Step("lever_fixed", eq.lever_fixed, ("u1", "arm", "lever_cos")),
 )
-"""What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
-precision, so that a plan in doubles starts from constants that are right to the last bit."""
+"""Steps to the constants of d: the parts of u1 and u2 that the hinge turns, and the part that it does not turn. A pair
+takes these steps once, in twice the precision, so that a plan in doubles starts from constants that are right to the
+last bit."""
 
 ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
@@ -154,8 +155,8 @@ GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT = {
     ),
     "centripetal": (Step("centripetal", eq.cross, ("lever_by_psi", "axis")),),
 }
-"""A matrix from outside may be a rotation to nine digits only: there the cross products of E2 and E8, as they stand,
-keep the hinge point of both bodies together to the last digit."""
+"""Steps that replace the step to a result if S1 is given. A given matrix may be a rotation to nine digits only; then
+the cross products of E2 and E8 keep the hinge point of both bodies together to the last digit."""
 
 
 def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
@@ -266,8 +267,8 @@ JACOBIAN_AND_BIAS_STEPS = (
     ),
     Step(
         "a2_bias",
-        lambda omega1, d, lever_by_psi, psid, own: eq.acceleration2(
-            eq.ZERO_VECTOR, omega1, eq.ZERO_VECTOR, d, lever_by_psi, psid, own
+        lambda omega1, d, lever_by_psi, psid, relative_bias: eq.acceleration2(
+            eq.ZERO_VECTOR, omega1, eq.ZERO_VECTOR, d, lever_by_psi, psid, relative_bias
         ),
         ("omega1", "d", "lever_by_psi", "psid", "relative_bias"),
     ),
@@ -300,7 +301,7 @@ def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
     )
 
 
-SENSITIVITY_STEPS = (
+SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS = (
     Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
     Step("d_by_u1", same, ("S1",)),
     Step("d_by_u2", by.negative, ("S2",)),

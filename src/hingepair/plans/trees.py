@@ -9,8 +9,9 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
+from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components, where_less
 from hingepair.equations import trees as eq
@@ -29,9 +30,7 @@ from hingepair.equations.spatial import (
     transpose,
 )
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.plans.steps import ATTITUDE1_STEPS_BY_INPUT
-
-Tail: TypeAlias = tuple[int, ...]
+from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT
 
 # Shapes of the constants of the base.
 SHAPE_BY_BASE_CONSTANT: Final = {"mass": (), "first": (3,), "second": (6,)}
@@ -43,10 +42,11 @@ SHAPE_BY_JOINT_CONSTANT: Final = {
     "armature": (),
     "multiplier": (),
     "offset": (),
-    "smallest": (),
+    "min_pivot": (),
 }
 SHAPE_BY_FRAME_CONSTANT: Final = {"R": (3,), "S": (9,)}
-"""The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
+"""Shapes of the constants of each frame. The vector of constants holds those of the base, then those of each joint,
+then those of each frame, in the order of these three dictionaries."""
 
 
 class Form(NamedTuple):
@@ -54,11 +54,11 @@ class Form(NamedTuple):
     -1. Robots of equal form share programs.
 
     Attributes:
-        names: of the joints, as generated code may call them.
-        parents: of each joint's body, the number of the body that carries it.
-        slides: which joints are sliders.
-        columns: of each joint, its column in q; a mimic joint has that of its leader.
-        known: the constants of base and joints that are 0, 1 or -1; None of all others.
+        names: names of the joints in generated code.
+        parents: for each joint's body, the number of the body that carries it.
+        slides: for each joint, whether it is a slider.
+        columns: for each joint, its column in q; a mimic joint has the column of its leader.
+        known: the constants of base and joints that are 0, 1 or -1; None for all others.
     """
 
     names: tuple[str, ...]
@@ -85,10 +85,10 @@ class Request(NamedTuple):
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
-        free: whether the base moves as forces have it; else as it is given.
-        frames: the body of each frame.
-        known: the constants of the frames that are 0, 1 or -1; None of all others.
-        loaded: indices of the frames, of the links that wrenches act on.
+        free: whether forces move the base; otherwise its motion is given.
+        frames: for each frame, the number of its body.
+        known: the constants of the frames that are 0, 1 or -1; None for all others.
+        loaded: indices of the frames that belong to links on which wrenches act.
     """
 
     outputs: tuple[str, ...]
@@ -103,14 +103,14 @@ class Output(NamedTuple):
     `inputs` are the names of its inputs, and the function `make` computes it from a `Computation`.
 
     Attributes:
-        tail: its shape, of the number of columns of velocity (dof, and 6 more of a free base) and of frames.
-        inputs: names.
-        make: what makes it of a `Computation`.
+        shape_function: function of (form, request) that returns the shape of one sample.
+        input_names: names of the inputs that it depends on, the constants apart.
+        compute: function of a `Computation` that returns a scalar or a flat tuple of components.
     """
 
-    tail: Callable[[Form, Request], Tail]
-    inputs: tuple[str, ...]
-    make: Callable[[Computation], Any]
+    shape_function: Callable[[Form, Request], ArrayShape]
+    input_names: tuple[str, ...]
+    compute: Callable[[Computation], Any]
 
 
 def velocity_count(form: Form, request: Request) -> int:
@@ -137,18 +137,18 @@ class Computation:
         complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
         parts = iter(complete)
         self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT))
-        own = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT) for _ in form.parents]
-        self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in own]
-        self.smallest = [joint.pop("smallest") for joint in own]
+        joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT) for _ in form.parents]
+        self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
+        self.min_pivots = [joint.pop("min_pivot") for joint in joints]
         self.links = [
             eq.Link(parent, slides, **joint)
-            for parent, slides, joint in zip(form.parents, form.slides, own, strict=True)
+            for parent, slides, joint in zip(form.parents, form.slides, joints, strict=True)
         ]
         self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT)) for body in request.frames]
 
     # ---- coordinates of joints, and what acts along them
 
-    def _of_joints(self, name: str) -> list[Scalar]:
+    def _values_by_joint(self, name: str) -> list[Scalar]:
         """Return a list with one number for each joint. `name` ("q", "qd" or "qdd") selects the values by coordinate;
         each joint takes the value of its coordinate, times its multiplier if it is a mimic joint.
         """
@@ -158,18 +158,18 @@ class Computation:
     @functools.cached_property
     def q(self) -> list[Scalar]:
         """List of the coordinates q of all joints."""
-        own = zip(self._of_joints("q"), self.ratios, strict=True)
-        return [value + offset for value, (_, offset) in own]
+        pairs = zip(self._values_by_joint("q"), self.ratios, strict=True)
+        return [value + offset for value, (_, offset) in pairs]
 
     @functools.cached_property
     def qd(self) -> list[Scalar]:
         """List of the rates q' of all joints."""
-        return self._of_joints("qd")
+        return self._values_by_joint("qd")
 
     @functools.cached_property
     def qdd(self) -> list[Scalar]:
         """List of the second derivatives q'' of all joints."""
-        return self._of_joints("qdd")
+        return self._values_by_joint("qdd")
 
     @functools.cached_property
     def zero_rates(self) -> list[Scalar]:
@@ -233,7 +233,7 @@ class Computation:
     @functools.cached_property
     def frame_poses(self) -> list[eq.Pose]:
         """List of the poses of all frames in world axes."""
-        return [eq.frame_pose(self.poses[body], own["R"], own["S"]) for body, own in self.frames]
+        return [eq.frame_pose(self.poses[body], constants["R"], constants["S"]) for body, constants in self.frames]
 
     @functools.cached_property
     def frame_velocities(self) -> list[eq.Rates]:
@@ -277,8 +277,9 @@ class Computation:
         q', as a flat tuple row by row.
         """
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
-        own = eq.point_jacobian_columns(self.links, self.poses, body, d)
-        return _matrix_rows(self._jacobian_columns(own, eq.base_jacobian_columns(d) if self.request.free else ()))
+        joint_columns = eq.point_jacobian_columns(self.links, self.poses, body, d)
+        base_columns = eq.base_jacobian_columns(d) if self.request.free else ()
+        return _matrix_rows(self._jacobian_columns(joint_columns, base_columns))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
         """Return (a, alpha) of the first frame as six numbers, for q'' = 0. A free base is taken to have no
@@ -308,16 +309,16 @@ class Computation:
         total wrench on the base first (T1-T3). omega, alpha and a are those of the base in base axes, a less gravity;
         if `with_loads` is False, the wrenches that act on links are left out. Names the components in generated code.
         """
-        feels = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
-        self._name_components(feels, ("omega", "a", "B"))
-        own = eq.inertial_wrenches(self.base, self.links, feels)
+        body_motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
+        self._name_components(body_motions, ("omega", "a", "B"))
+        wrenches = eq.inertial_wrenches(self.base, self.links, body_motions)
         for k, place in enumerate(self.request.loaded if with_loads else ()):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
-            f, t = own[body]
-            own[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
-        return self._name_components(eq.sum_inward(self.links, self.placements, own), ("f", "t"))
+            f, t = wrenches[body]
+            wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
+        return self._name_components(eq.sum_inward(self.links, self.placements, wrenches), ("f", "t"))
 
     @functools.cached_property
     def transmitted_wrenches(self) -> list[eq.Wrench]:
@@ -417,7 +418,7 @@ class Computation:
     def motor_loads(self) -> list[Scalar]:
         """List of the joint efforts tau less the bias forces, for robots without mimic joints."""
         bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
-        return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
+        return [self.values["tau"][column] - force for column, force in zip(self.form.columns, bias, strict=True)]
 
     @functools.cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
@@ -450,8 +451,8 @@ class Computation:
                 M[0], M[1], M[3], M[2], M[4], M[5],
                 H[0], H[1], H[2], J[0], H[3], H[4], H[5], J[1], J[3], H[6], H[7], H[8], J[2], J[4], J[5],
             )  # fmt: skip
-            found, _ = solve_symmetric(lower, loads)
-            a, alpha = found[:3], found[3:]
+            accelerations, _ = solve_symmetric(lower, loads)
+            a, alpha = accelerations[:3], accelerations[3:]
         qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
         return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
 
@@ -471,8 +472,8 @@ class Computation:
         where a pivot of M is not larger than its rounding error.
         """
         limits: list[Scalar] = [0.0] * self.form.dof
-        for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
-            limits[column] = limits[column] + own * ratio * ratio
+        for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
+            limits[column] = limits[column] + limit * ratio * ratio
         doubt: Scalar = 0.0
         for limit, pivot in zip(limits, self.pivots, strict=True):
             if not (type(limit) is float and limit == 0):
@@ -488,13 +489,13 @@ class Computation:
         """
         values, shift = self.values, 6 * self.request.free
         bias = self.efforts_by_coordinate(eq.along_axes(self.links, self.transmitted_bias_wrenches))
-        loads = [load - own for load, own in zip(values["tau"], bias, strict=True)]
+        loads = [load - force for load, force in zip(values["tau"], bias, strict=True)]
         if shift:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
-        found, _ = self._solve_mass_matrix(loads)
-        a, alpha = (found[:3], found[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
-        return self._nan_where_singular(a, alpha, found[shift:])
+        accelerations, _ = self._solve_mass_matrix(loads)
+        a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
+        return self._nan_where_singular(a, alpha, accelerations[shift:])
 
     def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
         """Solve M x = loads for the mass matrix M, and return the tuple x and a tuple of the pivots of M, without
@@ -502,8 +503,8 @@ class Computation:
         """
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
-        found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
-        return found[::-1], pivots[::-1][6 * self.request.free :]
+        solution, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
+        return solution[::-1], pivots[::-1][6 * self.request.free :]
 
     # ---- centre of mass, energy, momentum
 
@@ -520,13 +521,14 @@ class Computation:
         """Return the Jacobian of the robot's centre of mass with respect to v1 and omega1 of a free base and to q',
         as a flat tuple row by row (three rows).
         """
-        own = []
+        joint_columns = []
         share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
             force, _ = eq.axis_wrench(link.slides, matter)
-            own.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
+            joint_columns.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
         base = eq.base_jacobian_columns(self.centre_from_base) if self.request.free else ()
-        return _matrix_rows(self._jacobian_columns(own, base))[: 3 * velocity_count(self.form, self.request)]
+        entries = _matrix_rows(self._jacobian_columns(joint_columns, base))
+        return entries[: 3 * velocity_count(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
         """Return the acceleration of the robot's centre of mass for q'' = 0. A free base is taken to have no
@@ -599,7 +601,7 @@ def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
     return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
-def _take_numbers(numbers: Any, shapes: Mapping[str, Tail]) -> dict[str, Any]:
+def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
     """Take the next numbers from an iterator, as many as each of the named shapes needs. Return a dictionary by name,
     of numbers for shape () and of tuples of numbers for others.
     """
@@ -619,30 +621,30 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     return _chain_vectors(zip(*columns, strict=True))
 
 
-def _frames_shape(*own: int) -> Callable[[Form, Request], Tail]:
+def _frames_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
     """Return a function of (form, request) that returns the shape of an output with one part for each frame: the
     number of frames, then the lengths that are given as positional arguments.
     """
-    return lambda _, request: (len(request.frames), *own)
+    return lambda _, request: (len(request.frames), *lengths)
 
 
-def _fixed_shape(*own: int) -> Callable[[Form, Request], Tail]:
+def _fixed_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
     """Return a function of (form, request) that always returns the same shape: the tuple of the positional
     arguments.
     """
-    return lambda *_: own
+    return lambda *_: lengths
 
 
-def _dof_shape(form: Form, _: Request) -> Tail:
+def _dof_shape(form: Form, _: Request) -> ArrayShape:
     """Return the shape of a vector with one component for each coordinate."""
     return (form.dof,)
 
 
-def _velocities_shape(*rows: int) -> Callable[[Form, Request], Tail]:
+def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
     """Return a function of (form, request) that returns a shape: the lengths given as positional arguments, then the
     number of velocities.
     """
-    return lambda form, request: (*rows, velocity_count(form, request))
+    return lambda form, request: (*lengths, velocity_count(form, request))
 
 
 _POSE_INPUT_NAMES = ("q", "S1")  # of poses
@@ -705,7 +707,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
         _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
     ),
     "attitude_check": Output(
-        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])
+        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])
     ),
     "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
     "potential": Output(_fixed_shape(), ("q", "R1", "S1", "gravity"), Computation.potential),
@@ -722,29 +724,29 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, Tail]] = {
+_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
 
 
 @functools.lru_cache(maxsize=512)
-def input_shapes(form: Form, request: Request) -> dict[str, Tail]:
+def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     """Return a cached dictionary with the shape of one sample of each input that a request needs, the constants
     first.
     """
     names = set()
     for output in request.outputs:
-        own = TREE_OUTPUT_BY_NAME[output].inputs
+        input_names = TREE_OUTPUT_BY_NAME[output].input_names
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
-        unknown = ("a1", "alpha1") if request.free and "qdd" not in own else ()
-        names |= {name for name in own if name not in unknown}
-    tails: dict[str, Tail] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
+        unknown = ("a1", "alpha1") if request.free and "qdd" not in input_names else ()
+        names |= {name for name in input_names if name not in unknown}
+    shapes: dict[str, ArrayShape] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
-            tails[name] = (form.dof,)
-    tails |= {name: tail for name, tail in _SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
-    return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
+            shapes[name] = (form.dof,)
+    shapes |= {name: shape for name, shape in _SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
+    return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -752,13 +754,13 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
     holds the inputs by name, of any kind of scalar.
     """
     computation = Computation(form, request, values)
-    return {name: TREE_OUTPUT_BY_NAME[name].make(computation) for name in request.outputs}
+    return {name: TREE_OUTPUT_BY_NAME[name].compute(computation) for name in request.outputs}
 
 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
     """Return the `Loop` that computes a request over samples, cached by form and request."""
-    outputs = {name: TREE_OUTPUT_BY_NAME[name].tail(form, request) for name in request.outputs}
+    outputs = {name: TREE_OUTPUT_BY_NAME[name].shape_function(form, request) for name in request.outputs}
     labels = {
         name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
         for name in ("q", "qd", "qdd", "tau")
