@@ -229,7 +229,7 @@ class Program:
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
         """Compute the outputs from `bound`, the bound inputs, by NumPy, Python or a kernel, as `execution` says, and
-        write them into the arrays of `out`; `shape` is that of the samples. May compile a kernel; the backend
+        write them into the arrays of `out`. `shape` is the shape of the samples. May compile a kernel; the backend
         "compiled" raises an error if that fails.
         """
         targets = [
@@ -439,8 +439,8 @@ class Program:
         )
 
     def count_operations(self, unfolded: Program) -> OperationCounts:
-        """Return the `OperationCounts` of this program, compared with the program `unfolded`, for which no input is
-        known.
+        """Return the `OperationCounts` of this program. `unfolded` is the program of the same loop for which no input
+        is known.
         """
         per_sample, shared = (operation_count(self._needed_values, varies) for varies in (True, False))
         return OperationCounts(per_sample, shared, operation_count(unfolded._needed_values))
@@ -500,8 +500,8 @@ class Program:
         dtype: np.dtype[Any],
     ) -> None:
         """Run a scan by NumPy, for all chains at once and one sample after the other, and write the results into
-        `outputs`. `inputs` and `outputs` hold one array for each component; the last axis of `shape` is that along
-        the chains.
+        `outputs`. `inputs` and `outputs` hold one array for each component; the chains run along the last axis of
+        `shape`.
         """
         names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]

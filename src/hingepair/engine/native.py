@@ -54,9 +54,10 @@ class Kernel:
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
-    """Return a built-in function that calls a kernel with arrays, and keeps the kernel alive. `descriptor` is the
-    list of integers that `call_descriptor` returns. The first call compiles the code that reads arrays; raises an
-    error if that fails.
+    """Return a built-in function that runs a kernel on arrays, and keeps the kernel alive. Its positional arguments
+    are the inputs, the outputs, the constants, and whether the outputs are new arrays; it returns True if it has run
+    the kernel, else False or the number of samples that the outputs need. `descriptor` is the list of integers that
+    `call_descriptor` returns. The first call compiles the code that reads arrays; raises an error if that fails.
 
     Args:
         kernel: the kernel to call.
@@ -135,9 +136,9 @@ def _link_shared_functions(float_type: str) -> None:
 
 @functools.cache
 def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share for a number type, "double" or "float", and record that for the
+    """Compile the functions that all kernels share for numbers of type "double" or "float", and record that for the
     estimates of compile time. Return the engine that owns their machine code, and a dictionary of their addresses by
-    symbol; the result is cached by number type and processor.
+    symbol; the result is cached by number type and by `processor`, the pair that `host_processor` returns.
     """
     engine = _compile_module("shared functions", shared_ir(float_type))
     mark_shared_code_compiled()

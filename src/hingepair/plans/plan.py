@@ -86,7 +86,7 @@ _SPATIAL_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
 class MotionKind:
     """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q, `parts`
     the names of the parts of q, qd and qdd, `shapes` the shapes of one sample of all quantities, and `levels` the
-    level at which each output is a default output (None: never).
+    level at which each output is a default output (None: never). All but `coordinates` are dictionaries by name.
 
     Attributes:
         coordinates: names of the components of q.
@@ -180,7 +180,7 @@ def make_plan(
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
     give the identical object. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not
     the identity. `trig_functions` is a pair of functions, of phi and of psi, and `given_names` are the inputs beside
-    the pair's constants.
+    the pair's constants. Raises an error if the sequence is unknown.
 
     Args:
         outputs: names of the outputs.
@@ -202,8 +202,8 @@ def make_plan(
 
 @functools.lru_cache(maxsize=1024)
 def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
-    """Return the cached plan that computes the outputs by those of the steps `taken` that they depend on. Equal
-    arguments give the identical plan object.
+    """Return the cached plan that computes the outputs. The plan contains those of the steps `taken` on which the
+    outputs depend. Equal arguments give the identical plan object.
     """
     return Plan(outputs, *needed_steps(taken, outputs), kind)
 
@@ -218,8 +218,8 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return a tuple of the steps that the outputs depend on, in order, and a frozenset of the names that must be
-    given: those that the steps take or `outputs` contain and no step computes.
+    """Return a tuple of the steps on which the outputs depend, in order, and a frozenset of the names of the inputs:
+    the arguments of these steps, and the outputs, that no step computes.
     """
     needed = set(outputs)
     taken = []
@@ -269,7 +269,7 @@ def all_steps(
     """Return a cached tuple of all steps that are possible from the given inputs, of which a plan takes those it
     needs. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not the identity;
     `trig_functions` is a pair of functions, of phi and of psi; `kind` is motion in space or in a plane; `given_names`
-    are the inputs beside the pair's constants.
+    are the inputs beside the pair's constants. Raises an error if the sequence is unknown.
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))

@@ -142,9 +142,9 @@ LEVER_CONSTANT_STEPS = (
     Step("lever_cos", eq.cross, ("lever_sin", "n")),
     Step("lever_fixed", eq.lever_fixed, ("u1", "arm", "lever_cos")),
 )
-"""Steps to the constants of d: the parts of u1 and u2 that the hinge turns, and the part that it does not turn. A pair
-takes these steps once, in twice the precision, so that a plan in doubles starts from constants that are right to the
-last bit."""
+"""Steps to the constants of d: the parts of u1 and u2 that the hinge turns, and the part that it does not turn.
+A pair takes these steps once, in twice the precision, so that a plan in doubles starts from constants that are right
+to the last bit."""
 
 ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 

@@ -99,8 +99,9 @@ class Request(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed for a robot: the function `tail` returns its shape for a form and a request,
-    `inputs` are the names of its inputs, and the function `make` computes it from a `Computation`.
+    """An output that can be computed for a robot. The function `shape_function` returns its shape for a form and a
+    request, `input_names` are the names of its inputs, and the function `compute` returns its components for a
+    `Computation`.
 
     Attributes:
         shape_function: function of (form, request) that returns the shape of one sample.
@@ -149,8 +150,8 @@ class Computation:
     # ---- coordinates of joints, and what acts along them
 
     def _values_by_joint(self, name: str) -> list[Scalar]:
-        """Return a list with one number for each joint. `name` ("q", "qd" or "qdd") selects the values by coordinate;
-        each joint takes the value of its coordinate, times its multiplier if it is a mimic joint.
+        """Return a list with one number for each joint, from the vector `name` ("q", "qd" or "qdd"), which has one
+        number for each coordinate. A mimic joint takes the number of its leader, times its multiplier.
         """
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
@@ -247,8 +248,8 @@ class Computation:
         return self._accelerations_of_frames(self.accelerations)
 
     def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. If the latter are
-        accelerations for q'' = 0, so are those of the frames.
+        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. Accelerations of the
+        bodies for q'' = 0 give the accelerations of the frames for q'' = 0.
         """
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
@@ -306,8 +307,9 @@ class Computation:
         with_loads: bool = True,
     ) -> list[eq.Wrench]:
         """Return a list of the wrenches (force, torque) that the joints transmit, in the axes of their bodies, the
-        total wrench on the base first (T1-T3). omega, alpha and a are those of the base in base axes, a less gravity;
-        if `with_loads` is False, the wrenches that act on links are left out. Names the components in generated code.
+        total wrench on the base first (T1-T3). omega, alpha and a are the base's angular velocity and accelerations
+        in base axes, with gravity subtracted from a. If `with_loads` is False, the wrenches that act on links are
+        left out. Names the components in generated code.
         """
         body_motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         self._name_components(body_motions, ("omega", "a", "B"))
@@ -568,8 +570,8 @@ class Computation:
 
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
-        """The linear momentum P of the robot, and its angular momentum L about the base's reference point, world
-        axes.
+        """Pair of the linear momentum P of the robot and its angular momentum L about the base's reference point,
+        world axes.
         """
         P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
@@ -750,8 +752,8 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute the outputs of a request for a robot of this form, and return a dictionary of them by name. `values`
-    holds the inputs by name, of any kind of scalar.
+    """Compute the outputs of a request for a robot of this form, and return a dictionary of them by name, each a
+    scalar or a flat tuple of components. `values` holds the inputs by name, of any kind of scalar.
     """
     computation = Computation(form, request, values)
     return {name: TREE_OUTPUT_BY_NAME[name].compute(computation) for name in request.outputs}
