@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import Execution
-from hingepair.integration.methods import STEP_RULES, runge_kutta4
+from hingepair.integration.methods import STEP_RULE_BY_NAME, runge_kutta4
 from hingepair.integration.stepping import ROTATION_SCAN, SCAN_GROUP_SIZE, STEPS_PER_CHUNK
 from support.reference import DIGITS
 from support.sparse import sparse
@@ -141,7 +141,7 @@ def test_attitudes_are_rotations_to_4u(backend):
     assert gap.max() <= 4 * U
 
 
-@pytest.mark.parametrize("method", sparse(STEP_RULES, 5))
+@pytest.mark.parametrize("method", sparse(STEP_RULE_BY_NAME, 5))
 def test_backends_agree(method):
     t = np.sort(generator(122).uniform(0, 2, SCAN_GROUP_SIZE**3 + 30))
     plain = attitudes(TURNED, t, method=method, backend="numpy")

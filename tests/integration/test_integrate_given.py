@@ -12,7 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.engine.backend import BreakEvenCounter
 from hingepair.integration import error_estimate
-from hingepair.integration.methods import STEP_RULES, angle_loop, rotation_loop
+from hingepair.integration.methods import STEP_RULE_BY_NAME, angle_loop, rotation_loop
 from hingepair.integration.signals import interpolation_loop
 from support.reference import DIGITS
 from support.sparse import sparse
@@ -66,7 +66,7 @@ def test_few_samples_go_through_one_polynomial(count):
 
 @spins
 @pytest.mark.parametrize("kind", ["callable", "samples"])
-@pytest.mark.parametrize("method", sparse([*STEP_RULES, "euler_angles", "dop853"], 5))
+@pytest.mark.parametrize("method", sparse([*STEP_RULE_BY_NAME, "euler_angles", "dop853"], 5))
 def test_error_estimate_is_honest(spin, kind, method):
     """Within a factor of 10 of the true error, or both at the level of rounding."""
     for count in (25, 120):
@@ -102,7 +102,7 @@ def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
 @pytest.mark.parametrize("shift", range(3))
 def test_error_estimate_is_honest_where_some_steps_are_measured(shift, monkeypatch):
     """More steps than are measured; nearly all of the error is in one long step, wherever that is."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_FULLY_MEASURED_STEP_COUNT", 2048)
     t = np.concatenate([np.linspace(0, 1, 4096 + shift), np.linspace(1.1, 1.2, 2048)])
     motion = attitudes(TURNED, t)
     true = TURNED.error(t, motion.S1)
@@ -111,7 +111,7 @@ def test_error_estimate_is_honest_where_some_steps_are_measured(shift, monkeypat
 
 
 @spins
-@pytest.mark.parametrize("method", sparse([*STEP_RULES, "euler_angles", "dop853"], 3))
+@pytest.mark.parametrize("method", sparse([*STEP_RULE_BY_NAME, "euler_angles", "dop853"], 3))
 def test_tolerance_is_kept_by_substeps(spin, method):
     t = np.array([0, 0.01, 0.1, 0.6, 1.0])
     tol = 1e-4 if method == "midpoint" else 1e-9
@@ -301,7 +301,7 @@ def test_a_tuple_of_as_many_points_as_instants_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", sparse([*STEP_RULES, "euler_angles", "dop853"], 3))
+@pytest.mark.parametrize("method", sparse([*STEP_RULE_BY_NAME, "euler_angles", "dop853"], 3))
 @pytest.mark.parametrize("step", [2.0**-7, 0.01, None], ids=["dyadic", "even", "uneven"])
 def test_stamps_since_1970_lose_nothing(method, step):
     """Samples at t and at t - t[0], the same numbers: the same motion, found as fast, and the same estimate."""

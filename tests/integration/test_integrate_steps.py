@@ -13,7 +13,7 @@ import hingepair as hp
 from hingepair.engine.backend import execution_of
 from hingepair.integration import error_estimate, solve, step_selection
 from hingepair.integration.integrals import AttitudeIntegral
-from hingepair.integration.methods import STEP_RULES
+from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import CallableSignal
 from hingepair.integration.stepping import Steps, subdivide
 from support.reference import DIGITS
@@ -97,7 +97,7 @@ def test_probes_do_not_enlarge_rounding():
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = CallableSignal("omega1", about_x(np.exp), (3,))
-    turning = AttitudeIntegral("omega1", omega, STEP_RULES["magnus6"], execution_of("numpy", 1), False)
+    turning = AttitudeIntegral("omega1", omega, STEP_RULE_BY_NAME["magnus6"], execution_of("numpy", 1), False)
     assert step_selection.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
@@ -150,7 +150,7 @@ def kinked(order, at):
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
 @pytest.mark.parametrize("count", sparse([2, 11, 101, 12_001], 3))
-@pytest.mark.parametrize("method", sparse(STEP_RULES, 5))
+@pytest.mark.parametrize("method", sparse(STEP_RULE_BY_NAME, 5))
 def test_a_jump_of_a_callable_is_seen(method, count, order):
     """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""
     t = np.linspace(0, 1, count)
@@ -197,7 +197,7 @@ def uneven_instants(kind, random):
 @pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
 def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
     """The step that a tolerance asks for is a length, whatever the length of the intervals."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_FULLY_MEASURED_STEP_COUNT", 2048)
     random = generator(165)
     for speed in 10 ** random.uniform(0, 1.5, 3):
         t = uneven_instants(kind, random)
@@ -222,7 +222,7 @@ def test_few_samples_of_a_constant_rate(count):
 @pytest.mark.parametrize("jump", [1.6851933, 2.8944841, 7.4101957])
 def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
     """One of 20,000 steps has all of the error, and a tenth of them are measured."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_FULLY_MEASURED_STEP_COUNT", 2048)
     t = np.linspace(0, 10, 20_001)
     rate = lambda t: np.where(t < jump, 0.3, 5.3)  # noqa: E731
     motion = hp.integrate(PAIR, t, about_x(rate), rate, outputs=())
@@ -233,7 +233,7 @@ def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
 
 
 def test_intervals_that_are_not_measured_are_divided_like_their_neighbours(monkeypatch):
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_FULLY_MEASURED_STEP_COUNT", 2048)
     t = np.linspace(0, 1, 6144)
     motion = hp.integrate(PAIR, t, (0, 0, 0), lambda t: 1e4 * np.cos(1e4 * t), tol=1e-6, outputs=())
     assert np.abs(motion.psi - np.sin(1e4 * t)).max() <= 1e-6
@@ -282,7 +282,7 @@ def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
     rates = [random_rate(random) if wild else random_rate(random, 7, 0) for _ in range(4)]
     start, span = random.choice([0, -1, 1000]) if wild else 0.0, 10 ** random.uniform(-3, 6 if wild else 0)
     t = start + np.linspace(0, span, random.integers(2, 101))
-    method = random.choice(list(STEP_RULES))
+    method = random.choice(list(STEP_RULE_BY_NAME))
     with contextlib.suppress(hp.ArgumentError) if wild else contextlib.nullcontext(), np.errstate(all="ignore"):
         motion = hp.integrate(
             PAIR, t, lambda s: np.stack([r(s) for r in rates[:3]], -1), rates[3], method=method, tol=1e-3, outputs=()
@@ -354,7 +354,7 @@ def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
         motion = hp.load_scene(tmp_path / "my.toml").motion
         np.testing.assert_allclose(motion.source.hinge[0], [angle(t) for t in motion.t], rtol=0, atol=1e-12)
         assert motion.error_estimate <= 1e-12
-    for method in STEP_RULES:
+    for method in STEP_RULE_BY_NAME:
         motion = hp.integrate(PAIR, [0, 10], about_x(np.cos), lambda t: 1.0 * (t > 0.3), tol=1e-5, method=method)
         assert abs(motion.psi[-1] - 9.7) <= 1e-5
         assert motion.steps <= 20_000

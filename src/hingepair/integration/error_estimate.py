@@ -2,16 +2,16 @@
 
 The error of a step is measured by steps of half its length or less. Errors of steps, rotated to the axes of the first
 instant, add up to the error at any later one; where a tolerance selected the steps, their errors were measured then.
-Of more than MAX_MEASURED_STEPS steps, one of each part of the time is measured and stands for the part, and so are
-the steps over which a callable changes most abruptly, since it may jump there. Two quadratures may agree by chance on
-a jump near the end of a step; divided differences of the values at all nodes and at two more times beside the ends do
-not. For samples the interpolant is integrated; the error of the interpolation is added (`interpolation_error`).
+Of more than MAX_FULLY_MEASURED_STEP_COUNT steps, one of each part of the time is measured and stands for the part;
+the steps over which a callable changes most abruptly are measured too, since it may jump there. Two quadratures may
+agree by chance on a jump near the end of a step; divided differences of the values at all nodes and at two more times
+beside the ends do not. For samples the interpolant is integrated; the error of the interpolation is added
+(`interpolation_error`).
 
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where the rate
 is a callable, which adds u t times the change of the rate over the step. The rounding errors of steps are
-independent, so
-that their squares add up: over many steps the sum is far less than u times the angle turned in all, over few fast
-steps about that. The stamps of samples may be rounded too (`stamp_rounding`).
+independent, so that their squares add up: over many steps the sum is far less than u times the angle turned in all,
+over few fast steps about that. The stamps of samples may be rounded too (`stamp_rounding`).
 """
 
 from __future__ import annotations
@@ -26,34 +26,30 @@ from numpy.typing import NDArray
 
 from hingepair.integration.integrals import AngleIntegral, Integral
 from hingepair.integration.interpolation_error import largest_interpolation_error
-from hingepair.integration.methods import STEP_RULES, StepRule
+from hingepair.integration.methods import STEP_RULE_BY_NAME, StepRule
 from hingepair.integration.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
-MAX_MEASURED_STEPS: Final = 1 << 16
+MAX_FULLY_MEASURED_STEP_COUNT: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
-MIN_EVEN_STEPS_FOR_CALLABLE_RATES: Final = 509
+MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT: Final = 509
 """Even steps over the whole time at whose nodes a callable is evaluated, at least, to find what longer steps miss.
 
 A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
 """
 
-# Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
-_STEP_ERROR_PER_NODE_TIME_ROUNDING = 0.4
 # First and last node of a step on [0, 1].
-_FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULES["magnus6"].nodes[0], STEP_RULES["magnus6"].nodes[-1]
+_FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULE_BY_NAME["magnus6"].nodes[0], STEP_RULE_BY_NAME["magnus6"].nodes[-1]
 _ROUNDING_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
-# Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
-_STEP_END_DISTANCE_TO_STEP_LENGTH = 1e-4
+# Fractions of a pair of steps: beside its ends, and not at them, since a callable may jump at instants.
+_JUMP_DETECTION_END_NODES = (1e-4, 1 - 1e-4)
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 # Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
 _GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
-_JUMP_DETECTION_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
-_MIN_SAMPLED_TO_LONGEST_STEP_RATIO = 0.5  # of the longest step of a part: shorter ones are not measured for the part
 _CONSTANCY_CHECK_STEP_COUNT = 64  # steps in which a rate is compared to find out whether it is constant
 
 
@@ -91,9 +87,9 @@ class StepSample(NamedTuple):
 
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
     """Choose the steps between times t whose errors are measured; return a `StepSample`. If there are more than
-    MAX_MEASURED_STEPS steps, these are one in each part of the time and the steps over which `signals` change most
-    abruptly, otherwise all steps. Within a part a step is drawn in proportion to its expected error, length^(order +
-    1).
+    MAX_FULLY_MEASURED_STEP_COUNT steps, these are one in each part of the time and the steps over which `signals`
+    change most abruptly, otherwise all steps. Within a part a step is drawn in proportion to its expected error,
+    length^(order + 1).
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -103,10 +99,10 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
     """
     count = len(t) - 1
     indices = np.arange(count)
-    if count <= MAX_MEASURED_STEPS:
+    if count <= MAX_FULLY_MEASURED_STEP_COUNT:
         return StepSample(t, indices, indices)
     lengths = np.diff(t)
-    place = np.floor(0.5 * MAX_MEASURED_STEPS * (indices / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
+    place = np.floor(0.5 * MAX_FULLY_MEASURED_STEP_COUNT * (indices / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
     first = np.diff(place, prepend=-1) > 0
     for signal in signals:
         if not isinstance(signal, ConstantSignal):
@@ -115,25 +111,24 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
             first[abrupt[abrupt < count - 1] + 1] = True
     parts = np.flatnonzero(first)
     shares = lengths / np.repeat(np.maximum.reduceat(lengths, parts), np.diff(parts, append=count))
-    below = np.append(
-        0.0, np.cumsum(np.where(shares < _MIN_SAMPLED_TO_LONGEST_STEP_RATIO, 0.0, shares ** (order + 1)))
-    )
+    # Steps below half the length of the longest step of a part are not drawn.
+    below = np.append(0.0, np.cumsum(np.where(shares < 0.5, 0.0, shares ** (order + 1))))
     chance = np.arange(1, len(parts) + 1) * _GOLDEN_RATIO_FRACTIONAL_PART % 1.0
     sums = np.diff(below[np.append(parts, count)])
     return StepSample(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
 
 
 def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
-    """Return the indices of the MAX_MEASURED_STEPS / 8 steps over which `values`, rows at the times t, change most
-    abruptly.
+    """Return the indices of the MAX_FULLY_MEASURED_STEP_COUNT / 8 steps over which `values`, rows at the times t,
+    change most abruptly.
     """
-    count, step_count = len(t) - 1, MAX_MEASURED_STEPS // 8
-    differences = values
-    for k in range(1, _JUMP_DETECTION_DIFFERENCE_ORDER + 1):
+    count, step_count = len(t) - 1, MAX_FULLY_MEASURED_STEP_COUNT // 8
+    differences, order = values, 6  # of the divided differences whose size shows where a callable may jump
+    for k in range(1, order + 1):
         differences = np.diff(differences, axis=0) / (t[k:] - t[:-k])[:, None]
-    first = np.clip(np.arange(count) - (_JUMP_DETECTION_DIFFERENCE_ORDER - 1) // 2, 0, len(differences) - 1)
+    first = np.clip(np.arange(count) - (order - 1) // 2, 0, len(differences) - 1)
     middle, sizes = 0.5 * (t[:-1] + t[1:]), np.diff(t) * row_norms(differences)[first]
-    for k in range(_JUMP_DETECTION_DIFFERENCE_ORDER):
+    for k in range(order):
         sizes *= np.abs(middle - t[first + k])
     return np.argpartition(sizes, -step_count)[-step_count:]
 
@@ -291,7 +286,7 @@ def _sum_by_sample_interval(
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
     """Measure the errors of the steps of an integral from `start` to `stop` [s] by comparison with two or more
     shorter steps in place of each; return `StepErrors`. The shorter steps are no longer than `duration` /
-    `MIN_EVEN_STEPS_FOR_CALLABLE_RATES`, where `duration` is the whole time of the motion [s].
+    `MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT`, where `duration` is the whole time of the motion [s].
     """
     groups = (
         slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
@@ -310,7 +305,8 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
     fine = subdivide(
         start,
         stop,
-        2 * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVEN_STEPS_FOR_CALLABLE_RATES) // 2), 1),
+        2
+        * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT) // 2), 1),
     )
     node_values = (
         rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),
@@ -334,11 +330,11 @@ def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArra
     return counts.astype(np.int64)
 
 
-def errors_above_noise(errors: Array, noise: Array) -> Array:
+def errors_above_noise(error_sizes: Array, noise: Array) -> Array:
     """Return the sizes of errors, set to zero where they are at most twice the standard deviation `noise`, since
     rounding explains them.
     """
-    return np.where(errors <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, errors)
+    return np.where(error_sizes <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, error_sizes)
 
 
 def _undetected_errors(
@@ -356,9 +352,7 @@ def _undetected_errors(
         return np.zeros(len(coarse.h))
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
     inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
-    ends = signal.values_at_nodes(
-        pairs.start, pairs.h, (_STEP_END_DISTANCE_TO_STEP_LENGTH, 1 - _STEP_END_DISTANCE_TO_STEP_LENGTH)
-    ).reshape(len(pairs.h), 2, -1)
+    ends = signal.values_at_nodes(pairs.start, pairs.h, _JUMP_DETECTION_END_NODES).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
     jumps = [row_norms((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
@@ -366,7 +360,7 @@ def _undetected_errors(
     measured = row_norms(
         rule.integral(node_values[0], coarse.h) - fine.sum_over_intervals(rule.integral(node_values[1], fine.h))
     )
-    return np.sqrt(np.where(squares > (_ROUNDING_NOISE_LIMIT_IN_STD * measured) ** 2, squares, 0.0))
+    return np.sqrt(np.where(squares > (2.0 * measured) ** 2, squares, 0.0))
 
 
 @functools.cache
@@ -377,9 +371,8 @@ def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
     and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
-    x = np.concatenate(
-        [[_STEP_END_DISTANCE_TO_STEP_LENGTH], nodes, 0.5 + nodes, [1 - _STEP_END_DISTANCE_TO_STEP_LENGTH]]
-    )
+    first, last = _JUMP_DETECTION_END_NODES
+    x = np.concatenate([[first], nodes, 0.5 + nodes, [last]])
     matrices = []
     for order in (rule.order, rule.order + 1):
         rows = np.zeros((len(x) - 1, len(x)))
@@ -409,9 +402,8 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
         return StepRounding(size, UNIT_ROUNDOFF * size)
     rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_NODE_OF_MAGNUS6).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
+    # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
     node_noise = (
-        0.0
-        if isinstance(signal, SampledSignal)
-        else _STEP_ERROR_PER_NODE_TIME_ROUNDING * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
+        0.0 if isinstance(signal, SampledSignal) else 0.4 * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
     return StepRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

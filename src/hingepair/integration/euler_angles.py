@@ -19,19 +19,19 @@ from hingepair.engine.native import can_compile
 from hingepair.engine.trace import where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import GimbalLockError
-from hingepair.integration.methods import STEP_RULES, quaternion_product
+from hingepair.integration.methods import STEP_RULE_BY_NAME, quaternion_product
 from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 
-RK4_NODES: Final = STEP_RULES["rk4_quaternion"].nodes
+RK4_NODES: Final = STEP_RULE_BY_NAME["rk4_quaternion"].nodes
 """Nodes of a classical Runge-Kutta step, as fractions of the step."""
 
 # abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
-_MAX_COSINE_NEAR_GIMBAL_LOCK = 0.5
-_MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
+_MAX_COS_PHI_Y_NEAR_GIMBAL_LOCK = 0.5
+_MAX_PHI_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
 _MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
 
 
@@ -147,7 +147,7 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_a
     squared_change, squared_cos = (rate_along_x * h) * (rate_along_x * h), cos_y * cos_y
     return where_less(
         squared_cos,
-        _MAX_COSINE_NEAR_GIMBAL_LOCK**2,
-        where_less(_MAX_STEP_ANGLE_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
+        _MAX_COS_PHI_Y_NEAR_GIMBAL_LOCK**2,
+        where_less(_MAX_PHI_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
         rates,
     )

@@ -14,9 +14,9 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import STEP_RULES, StepRule, angle_loop, quaternion_product, rotation_loop
+from hingepair.integration.methods import STEP_RULE_BY_NAME, StepRule, angle_loop, quaternion_product, rotation_loop
 from hingepair.integration.signals import ConstantSignal, Signal
-from hingepair.integration.stepping import ROTATION_SCAN, SUM_SCAN, Steps, Subdivision
+from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
@@ -73,12 +73,14 @@ class AngleIntegral(_RateIntegral):
             angles = np.stack(pair_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
         else:
             low = np.zeros(np.shape(start)) if motions else 0.0
-            angles = SUM_SCAN.scan_steps(steps, (start, low), self._fill, self.execution, motions)
+            angles = HIGH_LOW_SUM_SCAN.scan_steps(
+                steps, (start, low), self._write_step_integrals, self.execution, motions
+            )
         if not motions:
             self.check_finite(angles, steps)
         return angles[..., 0].copy()
 
-    def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
+    def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the integrals of the rate over steps into `rows`, as sums of two doubles. The steps begin at `begin`
         and have the lengths h, a pair of arrays (high and low part).
         """
@@ -126,7 +128,7 @@ class AttitudeIntegral(_RateIntegral):
     @property
     def is_exact(self) -> bool:
         """Whether steps have no truncation error: a constant rate, but not by Runge-Kutta steps."""
-        return isinstance(self.rate, ConstantSignal) and self.rule is not STEP_RULES["rk4_quaternion"]
+        return isinstance(self.rate, ConstantSignal) and self.rule is not STEP_RULE_BY_NAME["rk4_quaternion"]
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
@@ -137,12 +139,12 @@ class AttitudeIntegral(_RateIntegral):
         begin = start * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
         components = tuple(np.moveaxis(begin, -1, 0)) if motions else tuple(begin.tolist())
-        quats = ROTATION_SCAN.scan_steps(steps, components, self._fill, self.execution, motions)
+        quats = ROTATION_SCAN.scan_steps(steps, components, self._write_step_rotations, self.execution, motions)
         if not motions:
             self.check_finite(quats, steps)
         return quats * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
-    def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
+    def _write_step_rotations(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the rotations of steps into `rows`, as quaternions. The steps begin at `begin` and have the lengths
         h, a pair of arrays (high and low part).
         """

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.methods import STEP_RULES
+from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import (
     ConstantSignal,
     check_finite_values,
@@ -76,14 +76,14 @@ _RATE_ARGUMENT_NAME_BY_PLAN_INPUT: Final = {
 }
 """Names of the arguments that give rates, by input of a plan."""
 
-_EXPECTED_R1_TEXT_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+_EXPECTED_R1_FORM_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
 _MAX_TOTAL_STEPS_OF_MOTION_GROUP: Final = 65_536
 """Steps that are integrated together at most, of all motions of a group."""
 
-_R1_ARGUMENT_NAME_BY_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
+_R1_PART_NAME_BY_PLAN_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 """Name in messages of each part of the argument R1."""
 
 
@@ -294,7 +294,7 @@ def _read_request(
         if S1_0 is not None:
             raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
-        check_choice("method", method, tuple(STEP_RULES))
+        check_choice("method", method, tuple(STEP_RULE_BY_NAME))
         start = _read_start_values("phi_0", 0.0 if phi_0 is None else phi_0)
     else:
         check_pair(pair)
@@ -310,7 +310,7 @@ def _read_request(
     size = 2 if is_planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, t, size)
     shapes = {name: array.shape for name, array in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in _R1_ARGUMENT_NAME_BY_INPUT.items() if key in points}
+    shapes |= {name: points[key].shape[:-2] for key, name in _R1_PART_NAME_BY_PLAN_INPUT.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
     kind = PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND
@@ -656,7 +656,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(plan((name,)).inputs - available):
-            expected = f"{_EXPECTED_R1_TEXT_BY_PLAN_INPUT.get(missing, 'a value')}, since output {name} needs it"
-            got = f"no {missing}" if missing in _EXPECTED_R1_TEXT_BY_PLAN_INPUT else None
+            expected = f"{_EXPECTED_R1_FORM_BY_PLAN_INPUT.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _EXPECTED_R1_FORM_BY_PLAN_INPUT else None
             raise ArgumentError(_RATE_ARGUMENT_NAME_BY_PLAN_INPUT.get(missing, "R1"), expected, got)
     return plan(names)

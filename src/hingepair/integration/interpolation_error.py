@@ -29,19 +29,11 @@ ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 
 _INTERVALS_PER_BLOCK = 65536  # intervals whose errors are computed at a time
 _BLOCK_MARGIN_SAMPLE_COUNT = 12  # samples on either side of a block that its divided differences use
-_INTERVALS_PER_KINK_GROUP = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
 _KINK_ORDERS_AND_ERROR_FACTORS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
-# Integral of the product of distances from six even samples a step apart, over the middle interval.
-_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL = 191 / 84
-# Factors by which differences at a jump, a kink or a bend grow from order to order: from the one that stands out to
-# the sixth, from the fourth to the sixth, and within two intervals of an end, where fewer of them reach across.
-_KINK_GROWTH, _LAST_KINK_GROWTH, _END_KINK_GROWTH = 1.4, 1.65, 1.3
-# Power by which less growth reduces the weight of a kink; a vibration of six samples a period has growth 1.
-_KINK_WEIGHT_EXPONENT = 15
 # Nodes and weights on [-1, 1].
-_GAUSS_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINT_COUNT // 2 + 1)
+_GAUSS_LEGENDRE_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINT_COUNT // 2 + 1)
 
 
 def largest_interpolation_error(
@@ -58,6 +50,7 @@ def largest_interpolation_error(
     count, width = len(samples.t), interval_step_errors.shape[1]
     values = samples.values.reshape(count, -1)
     carried_sum, worst = np.zeros(width), 0.0
+    group_size = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
     sizes, squares = np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS)), np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS))
     for first in range(0, count - 1, _INTERVALS_PER_BLOCK):
         last = min(first + _INTERVALS_PER_BLOCK, count - 1)
@@ -69,10 +62,8 @@ def largest_interpolation_error(
         sums = carried_sum + np.cumsum(errors[0], axis=0)
         worst = float(np.maximum(worst, np.maximum(row_norms(sums).max(), row_norms(errors[1]).max())))
         carried_sum = sums[-1]
-        group_sizes = row_norms(
-            np.add.reduceat(errors[2:], np.arange(0, last - first, _INTERVALS_PER_KINK_GROUP), axis=1)
-        )
-        sizes, squares = sizes + group_sizes.sum(axis=1), squares + (group_sizes**2).sum(axis=1)
+        group_errors = row_norms(np.add.reduceat(errors[2:], np.arange(0, last - first, group_size), axis=1))
+        sizes, squares = sizes + group_errors.sum(axis=1), squares + (group_errors**2).sum(axis=1)
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
@@ -93,9 +84,8 @@ def _interval_errors(t: Array, columns: Array) -> Array:
         errors[row] = difference * product[:, None]
     if len(t) > INTERPOLATION_POINT_COUNT:
         h = np.diff(t)
-        stencil_length = (np.abs(product) / (_SIX_SAMPLE_DISTANCE_PRODUCT_INTEGRAL * h)) ** (
-            1 / INTERPOLATION_POINT_COUNT
-        )
+        even_product = 191 / 84  # the product for six samples at distances of 1, in the middle interval
+        stencil_length = (np.abs(product) / (even_product * h)) ** (1 / INTERPOLATION_POINT_COUNT)
         for level, (order, bound) in enumerate(_KINK_ORDERS_AND_ERROR_FACTORS, start=2):
             errors[level] = bound * _kink_sizes(differences, order, h, stencil_length)
     return errors
@@ -107,11 +97,11 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
     interval's polynomial passes; `stencil_starts` are the indices of the first samples.
     """
     h = np.diff(t)
-    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_NODES_AND_WEIGHTS[0])
+    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_LEGENDRE_NODES_AND_WEIGHTS[0])
     product = np.ones_like(times)
     for j in range(stencil_size):
         product *= times - t[stencil_starts + j][:, None]
-    return np.asarray(0.5 * h * (product @ _GAUSS_NODES_AND_WEIGHTS[1]))
+    return np.asarray(0.5 * h * (product @ _GAUSS_LEGENDRE_NODES_AND_WEIGHTS[1]))
 
 
 def _highest_differences(
@@ -155,15 +145,15 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
         * stencil_length**k
         for k, radius in ((INTERPOLATION_POINT_COUNT - 2, 2), (INTERPOLATION_POINT_COUNT, 1))
     )
+    # Differences at a kink grow by these factors from order to order: from the one that stands out to the sixth, and
+    # from the fourth to the sixth; within two intervals of an end by 1.3, since fewer of them reach across. Less
+    # growth reduces the weight by a high power; a vibration of six samples a period has growth 1.
     weight = np.ones(len(h))
-    for lower, rise, growth in (
-        (low, INTERPOLATION_POINT_COUNT - order, _KINK_GROWTH),
-        (middle, 2, _LAST_KINK_GROWTH),
-    ):
+    for lower, rise, growth in ((low, INTERPOLATION_POINT_COUNT - order, 1.4), (middle, 2, 1.65)):
         observed = (high / np.where(lower > 0, lower, np.inf)) ** (1 / rise)
         required = np.full(len(h), growth)
-        required[:2] = required[-2:] = _END_KINK_GROWTH
-        weight = np.minimum(weight, (observed / required) ** _KINK_WEIGHT_EXPONENT)
+        required[:2] = required[-2:] = 1.3
+        weight = np.minimum(weight, (observed / required) ** 15)
     return outliers * (weight * h * stencil_length**order)[:, None]
 
 

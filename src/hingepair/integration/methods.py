@@ -158,7 +158,7 @@ class StepRule(NamedTuple):
 
 
 # Rules of one-step methods by name.
-STEP_RULES: Final = {
+STEP_RULE_BY_NAME: Final = {
     rule.name: rule
     for rule in (
         StepRule("magnus6", 6, (_GAUSS3_NODE, 0.5, 1 - _GAUSS3_NODE), (5, 8, 5), _exponential_of(magnus6)),

@@ -28,9 +28,6 @@ INTERPOLATION_POINT_COUNT: Final = 6
 
 _R1_TUPLE_PART_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
 
-# Runs of consecutive steps interpolated as slices, by a kernel call each; more share one call.
-_MAX_RUNS_INTERPOLATED_AS_SLICES = 8
-
 
 class ConstantSignal:
     """Signal that has one value at every time, for one motion or for each of many motions."""
@@ -140,7 +137,7 @@ def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tupl
     pair instead, the slice of all steps and the array `first_samples`.
     """
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
-    if len(stops) > _MAX_RUNS_INTERPOLATED_AS_SLICES:
+    if len(stops) > 8:  # each slice takes a kernel call; more runs share one call
         yield slice(None), first_samples
     else:
         for first, stop in itertools.pairwise((0, *stops.tolist())):

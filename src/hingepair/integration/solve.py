@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyEr
 from hingepair.integration.error_estimate import estimate_error
 from hingepair.integration.euler_angles import euler_to_quaternions, integrate_euler_angles
 from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Integral
-from hingepair.integration.methods import STEP_RULES, quaternion_product
+from hingepair.integration.methods import STEP_RULE_BY_NAME, quaternion_product
 from hingepair.integration.signals import SampledSignal, Signal
 from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
 from hingepair.integration.step_selection import STEP_BUDGET, SelectedSteps, select_steps
@@ -25,15 +25,14 @@ from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
-METHOD_NAMES: Final = (*STEP_RULES, "euler_angles", "dop853")
+METHOD_NAMES: Final = (*STEP_RULE_BY_NAME, "euler_angles", "dop853")
 """Names of the methods of integration."""
 
 MAX_SCIPY_EVALUATIONS: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
-_REFERENCE_STEP_RULE = STEP_RULES["magnus6"]  # that other methods are compared with
+_REFERENCE_STEP_RULE = STEP_RULE_BY_NAME["magnus6"]  # that other methods are compared with
 _REFERENCE_SOLUTION_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
-_MAX_STEPS_NEAR_GIMBAL_LOCK = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
 _DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
@@ -44,7 +43,7 @@ class SolveOptions(NamedTuple):
     """
 
     t: Array  # instants [s]
-    method: str  # one of METHOD_NAMES; in the plane, of STEP_RULES
+    method: str  # one of METHOD_NAMES; in the plane, of STEP_RULE_BY_NAME
     tol: float | None  # largest error [rad]; None: one step for each interval
     execution: Execution
     omega_in_body_axes: bool
@@ -107,9 +106,9 @@ def integrate_together(
         start: attitudes (M, 3, 3), in the plane angles (M,) [rad].
         psi_0: hinge angles at the first instant [rad]; shape (M,).
     """
-    if options.tol is not None or options.method not in STEP_RULES:
+    if options.tol is not None or options.method not in STEP_RULE_BY_NAME:
         return None
-    rule, steps = STEP_RULES[options.method], Steps(options.t)
+    rule, steps = STEP_RULE_BY_NAME[options.method], Steps(options.t)
     hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution).integrate(steps, psi_0)
     if start.ndim == 1:
         return AngleIntegral(options.rate_names[0], omega, rule, options.execution).integrate(steps, start), hinge
@@ -139,13 +138,13 @@ def solve(
     if options.tol is not None and not finite_number("tol", options.tol) > 0:
         raise ArgumentError("tol", "a positive number", options.tol)
     is_planar = np.ndim(start) == 0
-    check_choice("method", options.method, tuple(STEP_RULES) if is_planar else METHOD_NAMES)
-    rule = {"euler_angles": STEP_RULES["rk4_quaternion"], "dop853": _REFERENCE_STEP_RULE, **STEP_RULES}[
+    check_choice("method", options.method, tuple(STEP_RULE_BY_NAME) if is_planar else METHOD_NAMES)
+    rule = {"euler_angles": STEP_RULE_BY_NAME["rk4_quaternion"], "dop853": _REFERENCE_STEP_RULE, **STEP_RULE_BY_NAME}[
         options.method
     ]
     attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.omega_in_body_axes)
     hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution)
-    if options.method in STEP_RULES:
+    if options.method in STEP_RULE_BY_NAME:
         body1_angle = AngleIntegral(options.rate_names[0], omega, rule, options.execution) if is_planar else attitude
         selected = select_steps((body1_angle, hinge), options.t, options.tol)
         if integrated is None:
@@ -178,13 +177,13 @@ def solve(
 
 
 def _integrate(
-    integral: Integral, start: Any, selected: SelectedSteps, values: Array | None = None
+    integral: Integral, start: Any, selected_steps: SelectedSteps, values: Array | None = None
 ) -> _IntegratedValues:
     """Integrate a rate from `start` over selected steps; return `_IntegratedValues` at the instants. `values`, unless
     None, is the integral at the ends of the steps, which is then not computed again. Raise an ArgumentError if the
     integral overflows.
     """
-    steps, measured_errors = selected.steps, selected.measured_errors.get(integral)
+    steps, measured_errors = selected_steps.steps, selected_steps.measured_errors.get(integral)
     if values is None:
         values = integral.integrate(steps, start)
     else:
@@ -202,6 +201,7 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
     gimbal lock from a fast turn.
     """
     steps, last_error = Steps(options.t), math.inf
+    max_step_count_after_gimbal_lock = max(50_000, 4 * (len(options.t) - 1))
     while True:
         try:
             phi = integrate_euler_angles(
@@ -212,9 +212,7 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
                 omega_in_body_axes=options.omega_in_body_axes,
             )
         except GimbalLockError:
-            if options.tol is None or 2 * steps.step_count > max(
-                _MAX_STEPS_NEAR_GIMBAL_LOCK, 4 * (len(options.t) - 1)
-            ):
+            if options.tol is None or 2 * steps.step_count > max_step_count_after_gimbal_lock:
                 raise
         else:
             result = _with_reference_error(

@@ -28,12 +28,6 @@ _MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
 # Times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident.
 _MIN_GRID_TO_DOUBLE_SPACING_RATIO = 8.0
 _GRID_ROUNDING_STD_IN_SPACINGS = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
-_ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
-    0.8,
-    1.642,
-)  # that quantile of a squared normal variable; kinks lie in fewer windows
-# Times the roughness by the rounding of values: a larger one has another cause.
-_MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO = 4.0
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
@@ -117,17 +111,15 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
     roughness_by_stamps, roughness_by_values = (
         ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
     )
-    measurable = roughness_by_stamps > _MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO**2 * roughness_by_values
+    smallest_roughness = 4.0**2 * roughness_by_values  # less may come from the rounding of values
+    measurable = roughness_by_stamps > smallest_roughness
     if not measurable.any():
         return None
-    roughness, roughness_by_stamps, roughness_by_values = (
+    roughness, roughness_by_stamps, smallest_roughness = (
         roughness[measurable],
         roughness_by_stamps[measurable],
-        roughness_by_values[measurable],
+        smallest_roughness[measurable],
     )
-    ratios = np.where(
-        roughness > _MIN_ROUGHNESS_TO_VALUE_ROUNDING_RATIO**2 * roughness_by_values,
-        roughness / roughness_by_stamps,
-        0.0,
-    )
-    return min(1.0, math.sqrt(float(np.quantile(ratios, _ROUGHNESS_QUANTILE)) / _CHI_SQUARED_QUANTILE))
+    ratios = np.where(roughness > smallest_roughness, roughness / roughness_by_stamps, 0.0)
+    # The 0.8 quantile of a squared normal variable is 1.642; kinks lie in fewer than a fifth of the windows.
+    return min(1.0, math.sqrt(float(np.quantile(ratios, 0.8)) / 1.642))

@@ -2,9 +2,8 @@
 
 If an interval has an error e in one step, it has e / m^order in m steps; the number of steps in all is least for a
 given sum of errors if m is in proportion to e^(1/(order + 1)). Intervals are divided in this way, into a few parts at
-a
-time, until the errors are small enough: beside a jump or a root again and again, which costs some sixty steps and not
-a million.
+a time, until the errors are small enough: beside a jump or a root again and again, which costs some sixty steps and
+not a million.
 
 The sizes of errors add up to more than the errors, which mostly cancel where a motion goes to and fro. So the errors
 are added up with their signs over the steps so far, and the target of the sum of sizes is larger by that ratio.
@@ -37,28 +36,16 @@ from hingepair.numeric.arrays import Float64Array as Array
 STEP_BUDGET: Final = 2_000_000
 """Number of steps up to which steps are divided for a tolerance; more errors remain in the error estimate."""
 
-MIN_INITIAL_EVEN_STEPS: Final = 16
+MIN_INITIAL_EVEN_STEP_COUNT: Final = 16
 """Even steps over the whole time that the selection begins with."""
 
-_MIN_ANGLE_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are left
 # Of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors.
 _ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE = 0.4
 _TARGET_ERROR_TO_TOLERANCE, _ACCEPTED_ERROR_TO_TOLERANCE = (
     0.6,
     0.8,
 )  # of the tolerance: sum of errors that is aimed at, and that is accepted
-# Bisections (geometric) of the range of the sum of sizes that gives the target sum of errors.
-_ERROR_TARGET_BISECTION_COUNT = 8
-_MAX_ERROR_SIZE_SUM_FOR_VECTOR_ADDITION = 1.0  # rad: below this sum of sizes, errors can be added up as vectors
-# Of the sum of errors: if regular pieces have less, only irregular ones are divided.
-_MIN_REGULAR_SHARE_OF_ERROR_SUM = 0.1
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
-_MAX_PARTS_PER_PIECE_AND_ROUND = 16  # of a piece in one round
-_MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND = 4  # of a piece in one round where errors do not fall by the rule's order
-_MAX_NOISE_ERROR_SUM = 1e-3  # rad: a smaller sum of errors that stagnates is noise of the rate, not truncation
-_STAGNATION_ROUND_COUNT = 5  # rounds without progress after which a small sum of errors counts as noise
-# By which an irregular error may be too small, since two quadratures agree by chance.
-_IRREGULAR_ERROR_SAFETY_FACTOR = 10.0
 _ERROR_SIZE_CAP = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
@@ -88,6 +75,13 @@ class _Pieces(NamedTuple):
     is_regular: NDArray[np.bool_]  # whether its error fell by the rule's order when it was divided
     errors: tuple[StepErrors, ...]  # by integral
 
+    @property
+    def cautious_sizes(self) -> Array:
+        """Sizes of the errors [rad], multiplied by 10 where an error did not fall by the rule's order, since it may
+        be small by chance.
+        """
+        return np.where(self.is_regular, self.sizes, 10.0 * self.sizes)
+
     def select(self, selection: NDArray[Any]) -> _Pieces:
         """Return some of the pieces as `_Pieces`; `selection` is an array of indices or a mask."""
         interval, start, stop, sizes, refined, regular = (column[selection] for column in self[:-1])
@@ -114,23 +108,22 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     inexact = [integral for integral in integrals if not integral.is_exact]
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
-    duration, tol = t[-1] - t[0], max(tol, _MIN_ANGLE_TOLERANCE)
+    duration, tol = t[-1] - t[0], max(tol, 1e-15)  # rad; below this tolerance only rounding errors are left
     step_sample = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
     weights = step_sample.error_weights(0)  # ratios of times: errors of pieces are proportional to time
     start, stop = step_sample.ends
     intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
-    counts = count_even_steps(stop - start, duration, MIN_INITIAL_EVEN_STEPS)
+    counts = count_even_steps(stop - start, duration, MIN_INITIAL_EVEN_STEP_COUNT)
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
     totals, piece_counts = list[float](), list[int]()
     while len(totals) < _MAX_DIVISION_ROUNDS:
         piece_weights = weights[pieces.interval]
-        totals.append(float((_cautious_sizes(pieces) * piece_weights).sum()))
+        totals.append(float((_divisible_sizes(pieces) * piece_weights).sum()))
         piece_counts.append(len(pieces.start))
-        recent_totals = totals[-_STAGNATION_ROUND_COUNT:]
-        stagnates = len(recent_totals) == _STAGNATION_ROUND_COUNT and max(recent_totals) < min(
-            2 * min(recent_totals), _MAX_NOISE_ERROR_SUM
-        )
-        if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUND_COUNT]:
+        # A sum of errors below 1e-3 rad that stagnates for five rounds is noise of the rate, not truncation.
+        recent_totals = totals[-5:]
+        stagnates = len(recent_totals) == 5 and max(recent_totals) < min(2 * min(recent_totals), 1e-3)
+        if stagnates and piece_counts[-1] > 2 * piece_counts[-5]:
             break
         counts = _next_part_counts(inexact, step_sample, pieces, piece_weights, tol)
         divide = counts > 1
@@ -150,26 +143,26 @@ def _next_part_counts(
     """
     order, sizes, target = (
         integrals[0].rule.order,
-        _cautious_sizes(pieces),
+        _divisible_sizes(pieces),
         _ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE * tol,
     )
     regular_sizes = np.where(pieces.is_regular, sizes, 0.0)
     total, regular = (float((part * piece_weights).sum()) for part in (sizes, regular_sizes))
     if not total > target:
         return np.ones(len(sizes), np.int64)
-    max_counts = np.where(pieces.is_regular, _MAX_PARTS_PER_PIECE_AND_ROUND, _MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND)
+    # Parts of a piece in one round: fewer where the error did not fall by the rule's order.
+    max_irregular_count = 4
+    max_counts = np.where(pieces.is_regular, 16, max_irregular_count)
     counts, _ = _part_counts(sizes, piece_weights, max_counts, target, order)
     is_irregular = pieces.is_refined & ~pieces.is_regular
-    if (
-        0 < regular < _MIN_REGULAR_SHARE_OF_ERROR_SUM * total
-    ):  # jumps and roots first; their remaining error decides on the others
+    if 0 < regular < 0.1 * total:  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
-    elif total < _MAX_ERROR_SIZE_SUM_FOR_VECTOR_ADDITION:
+    elif total < 1.0:  # rad; larger errors cannot be added up as vectors
         accumulated = _PieceErrors(integrals, step_sample, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_ERROR_TO_TOLERANCE * allowed:
             return np.ones(len(sizes), np.int64)
-        for _ in range(_ERROR_TARGET_BISECTION_COUNT):
+        for _ in range(8):  # geometric bisections between an accepted sum of sizes and one that is too large
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
             if (
@@ -179,7 +172,7 @@ def _next_part_counts(
                 target, counts = goal, candidate
             else:
                 total = goal
-    return np.where((counts > 1) & is_irregular, _MAX_PARTS_PER_IRREGULAR_PIECE_AND_ROUND, counts)
+    return np.where((counts > 1) & is_irregular, max_irregular_count, counts)
 
 
 def _divide_pieces(
@@ -201,14 +194,10 @@ def _divide_pieces(
     return _Pieces(*columns, ~np.isnan(expected), sizes <= expected, errors)
 
 
-def _cautious_sizes(pieces: _Pieces) -> Array:
-    """Return the error sizes of pieces of the time span. Those of irregular pieces, which may be small by chance, are
-    multiplied by a safety factor. The size is 0 for a piece that is too short to divide.
-    """
+def _divisible_sizes(pieces: _Pieces) -> Array:
+    """Return the cautious error sizes of pieces [rad], 0 for a piece that is too short to divide."""
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
-    return np.where(
-        divisible, np.where(pieces.is_regular, pieces.sizes, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes), 0.0
-    )
+    return np.where(divisible, pieces.cautious_sizes, 0.0)
 
 
 class _PieceErrors:
@@ -216,7 +205,7 @@ class _PieceErrors:
 
     def __init__(self, integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> None:
         self.order = integrals[0].rule.order
-        self.uncertain = np.where(pieces.is_regular, 0.0, _IRREGULAR_ERROR_SAFETY_FACTOR * pieces.sizes)
+        self.uncertain = np.where(pieces.is_regular, 0.0, pieces.cautious_sizes)
         steps, measured_errors = _assemble_steps(integrals, step_sample, pieces)
         values = {integral: integral.integrate(steps, integral.default_start) for integral in integrals}
         self.by_integral = [accumulate_errors(one, steps, values[one], *measured_errors[one]) for one in integrals]

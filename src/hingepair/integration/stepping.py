@@ -227,5 +227,5 @@ def _padded_length(count: int) -> int:
 
 ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
 """Scan of rotations, quaternions (w, x, y, z) that are multiplied."""
-SUM_SCAN: Final = PrefixScan("sums", pair_sum, (0.0, 0.0), exact=True)
+HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", pair_sum, (0.0, 0.0), exact=True)
 """Scan of angles, sums of two doubles that are added."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hingepair.engine.backend import execution_of
 from hingepair.integration.integrate import RATE_FRAME_NAMES
-from hingepair.integration.methods import STEP_RULES
+from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import Signal
 from hingepair.integration.solve import METHOD_NAMES, SolveOptions, solve
 from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
@@ -49,7 +49,7 @@ def integrate_motion(
         **motion_fields: further fields of the Motion by name, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
-    method = table.choice("method", tuple(STEP_RULES) if planar else METHOD_NAMES)
+    method = table.choice("method", tuple(STEP_RULE_BY_NAME) if planar else METHOD_NAMES)
     options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
     with table.naming(**_MOTION_KEY_BY_RATE_ARGUMENT):
