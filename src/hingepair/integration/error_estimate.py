@@ -170,9 +170,10 @@ def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
 def estimate_error(
     integral: Integral, steps: Steps, values: Array, measured_errors: tuple[StepSample, StepErrors] | None = None
 ) -> float:
-    """Return an estimate of the largest error of an integral at any instant [rad]; NaN if there is no estimate.
-    `values` are the attitudes or angles at the ends of all steps. `measured_errors` is a pair of a StepSample and its
-    StepErrors; if it is None, errors are measured here. The rounding of time stamps is not part of the estimate.
+    """Return an estimate of the largest error of an integral at any instant [rad], a float; NaN if there is no
+    estimate. `values` are the attitudes or angles at the ends of all `steps`, a Steps object. `measured_errors` is a
+    pair of a StepSample and its StepErrors; if it is None, errors are measured here. The rounding of time stamps is
+    not part of the estimate.
     """
     rate, rule = integral.rate, integral.rule
     if not steps.step_count or (isinstance(integral, AngleIntegral) and integral.is_exact):
@@ -241,8 +242,9 @@ def accumulate_errors(
     integral: Integral, steps: Steps, values: Array, step_sample: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
     """Rotate errors of measured steps to the axes of the first instant, where they add up; return
-    `AccumulatedErrors`. `errors` are the StepErrors of the steps in `step_sample`. Each is scaled to the part of the
-    time for which its step stands. `values` are the attitudes or angles at the ends of all steps.
+    `AccumulatedErrors`. `errors` are the StepErrors of the steps in `step_sample`. Each is scaled to the part
+    of the time for which its step stands. `values` are the attitudes or angles at the ends of all `steps`, a
+    Steps object.
     """
     weights = step_sample.error_weights(integral.rule.order)
     errors_at_start = integral.errors_at_start(values[step_sample.steps + 1], errors.errors * weights[:, None])
@@ -271,9 +273,9 @@ def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
 def _sum_by_sample_interval(
     steps: Steps, step_indices: NDArray[np.intp], errors: Array
 ) -> tuple[NDArray[np.intp], Array]:
-    """Sum errors of steps over the intervals between instants. `errors` (P, k) belong to the steps with indices
-    `step_indices`. Return the indices of the intervals that contain one of these steps, and the sums, one row for
-    each such interval.
+    """Sum errors of steps over the intervals between instants. `errors` (P, k) belong to those of the `steps`, a
+    Steps object, that have the indices `step_indices`. Return the indices of the intervals that contain one of these
+    steps, and the sums, one row for each such interval.
     """
     if steps.instant_indices is None:
         return step_indices, errors
@@ -331,8 +333,8 @@ def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArra
 
 
 def errors_above_noise(error_sizes: Array, noise: Array) -> Array:
-    """Return the sizes of errors, set to zero where they are at most twice the standard deviation `noise`, since
-    rounding explains them.
+    """Return sizes of errors as an array in which those of at most twice the standard deviation `noise` are set to
+    zero, since rounding explains them.
     """
     return np.where(error_sizes <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, error_sizes)
 
@@ -341,8 +343,9 @@ def _undetected_errors(
     signal: Signal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
 ) -> Array:
     """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance, shape (intervals,).
-    They are zero unless the signal is a callable. `coarse` and `fine` are Subdivisions of the same intervals, and
-    `node_values` is the pair of arrays of the signal's values at the nodes of their steps.
+    A bound is zero unless the signal is a callable, no node of the rule is at an end of a step, and the bound exceeds
+    twice the difference between coarse and fine steps. `coarse` and `fine` are Subdivisions of the same intervals,
+    and `node_values` is the pair of arrays of the signal's values at the nodes of their steps.
 
     Where a callable jumps between two nodes of a pair of steps, the error of the integral may be the jump times the
     distance of the nodes. Divided differences over many nodes estimate this product; they are small where the

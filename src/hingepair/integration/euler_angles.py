@@ -38,9 +38,10 @@ _MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
 def integrate_euler_angles(
     omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, omega_in_body_axes: bool
 ) -> Array:
-    """Integrate the Euler angles XYZ of body 1 from omega; return the continuous angles at the ends of steps, shape
-    (steps + 1, 3). `start` are the angles at the first time. omega is in axes of body 1 if `omega_in_body_axes`,
-    otherwise in axes of the world. `execution` chooses the backend. Raise a GimbalLockError near gimbal lock.
+    """Integrate the Euler angles XYZ of body 1 from omega over `steps`, a Steps object; return the continuous angles
+    at the ends of the steps, shape (steps + 1, 3). `start` are the angles at the first time. omega is in axes of body
+    1 if `omega_in_body_axes`, otherwise in axes of the world. `execution` chooses the backend. Raise a
+    GimbalLockError near gimbal lock.
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near gimbal lock or because steps are too

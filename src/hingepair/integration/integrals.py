@@ -27,7 +27,7 @@ _QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RateIntegral:
-    """Base of integrals of a rate. `name` is the name of the rate in messages, `rate` its signal, `rule` the StepRule
+    """Base of integrals of a rate. `name` is the name of the rate in messages, `rate` its Signal, `rule` the StepRule
     of the steps, and `execution` the choice of the backend.
     """
 
@@ -50,7 +50,9 @@ class _RateIntegral:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleIntegral(_RateIntegral):
-    """Integral of a scalar rate, an angle [rad]."""
+    """Integral of a scalar rate, an angle [rad]. `integrate` computes it at the ends of steps; the other methods
+    compute the errors and the rounding of its steps.
+    """
 
     expected_rate: ClassVar[str] = "a rate whose integral is finite"
     default_start: ClassVar[Any] = 0.0  # where only changes matter
@@ -81,8 +83,8 @@ class AngleIntegral(_RateIntegral):
         return angles[..., 0].copy()
 
     def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the integrals of the rate over steps into `rows`, as sums of two doubles. The steps begin at `begin`
-        and have the lengths h, a pair of arrays (high and low part).
+        """Write the integrals of the rate over steps into `rows` (steps, 2), as sums of two doubles; return None.
+        `begin` are the starts of the steps, and h their lengths, a pair of arrays (high and low part).
         """
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
         angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
@@ -100,22 +102,28 @@ class AngleIntegral(_RateIntegral):
 
     def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
         """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) over the
-        intervals [rad].
+        intervals [rad]. The second argument, the numbers of steps, is not used.
         """
         return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
-        """Return the largest rounding error [rad] of the angles `values` at the instants, without that of steps."""
+        """Return the largest rounding error [rad] of the angles `values` at the instants, without the rounding of the
+        steps. The second argument is not used.
+        """
         return UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
-        """Return the errors of intervals, angles, unchanged, since they add up as they are."""
+        """Return the errors of intervals, angles, unchanged, since they add up as they are. The first argument is not
+        used.
+        """
         return errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeIntegral(_RateIntegral):
-    """The solution of S' = [omega]x S, or of S' = S [omega]x in body axes, as unit quaternions (w, x, y, z).
+    """Integral of an angular velocity omega: the solution of S' = [omega]x S, or of S' = S [omega]x if
+    `omega_in_body_axes`, as unit quaternions (w, x, y, z). `integrate` computes it at the ends of steps; the other
+    methods compute the errors and the rounding of its steps.
 
     In body axes S^T solves the first equation with -omega; a step depends on h omega only, so that h is negated.
     """
@@ -145,8 +153,8 @@ class AttitudeIntegral(_RateIntegral):
         return quats * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else quats
 
     def _write_step_rotations(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the rotations of steps into `rows`, as quaternions. The steps begin at `begin` and have the lengths
-        h, a pair of arrays (high and low part).
+        """Write the rotations of steps into `rows` (steps, 4), as quaternions; return None. `begin` are the starts of
+        the steps, and h their lengths, a pair of arrays (high and low part).
         """
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
@@ -198,8 +206,8 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
-        """Return the rounding error [rad] of the attitudes `values` at the instants, without that of the steps;
-        `size` is the angle [rad] that the steps turn in all.
+        """Return the largest rounding error [rad] of the attitudes `values` at the instants, a float, without the
+        rounding of the steps; `size` is the angle [rad] that the steps turn in all.
         """
         return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 

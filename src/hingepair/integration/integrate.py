@@ -372,7 +372,8 @@ def _list_motions(request: _Request) -> list[_Motion]:
 @contextlib.contextmanager
 def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...] | None) -> Iterator[None]:
     """Return a context manager that raises an ArgumentError of its block again with the index of `motion` in the
-    name. The error of a single motion is raised as it is. `first_motion_index`, unless None, is added to the index.
+    name. The error of a single motion is raised as it is. `first_motion_index`, a tuple or None for zeros, is added
+    to the index.
     """
     try:
         yield
@@ -389,7 +390,8 @@ def _check_motions(
     request: _Request, motions: Iterable[_Motion], first_motion_index: tuple[int, ...] | None = None
 ) -> None:
     """Raise an ArgumentError if a number of one of the motions is not finite, or an attitude at the start is no
-    rotation. The error names the first such motion. `first_motion_index`, unless None, is added to its index.
+    rotation. The error names the first such motion. `first_motion_index`, a tuple or None for zeros, is added to its
+    index.
     """
     for motion in motions:
         with _errors_named_by_motion(motion, first_motion_index):
@@ -399,7 +401,7 @@ def _check_motions(
 def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None = None) -> list[Solution]:
     """Check and solve each motion of a request (E12); return a list of `Solution`s in C order of the motions'
     indices. Raise an ArgumentError or a GimbalLockError that names the first motion that cannot be solved.
-    `first_motion_index`, unless None, is added to its index.
+    `first_motion_index`, a tuple or None for zeros, is added to its index.
     """
     motions, solutions = _list_motions(request), []
     _check_motions(request, motions, first_motion_index)
@@ -528,9 +530,9 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
 def _integrate_lazily(
     pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
 ) -> Any:
-    """Return a trajectory of lazy Dask arrays, in which one task integrates each chunk of motions. Check all
-    arguments at once. `motion_arguments`, which may be Dask arrays, and `other_arguments` are dicts of arguments of
-    `integrate`.
+    """Return a trajectory of lazy Dask arrays, in which one task integrates each chunk of motions. Raise an
+    ArgumentError for an argument of wrong kind or shape before any task runs. `motion_arguments`, which may be Dask
+    arrays, and `other_arguments` are dicts of arguments of `integrate`.
     """
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
@@ -637,9 +639,10 @@ def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:
-    """Return the Plan that computes `outputs` from the arguments of `integrate` that `argument_names` lists. None
-    means all outputs of body 2 that these arguments allow. `pair` holds the pair's constants, and `kind` says whether
-    the motion is spatial or planar. Raise an ArgumentError for an output that is unknown or needs a missing argument.
+    """Return the Plan that computes `outputs` from the arguments of `integrate` that `argument_names` lists.
+    None means all outputs of body 2 that these arguments allow. `pair` is the Constants object of the pair, and
+    `kind` the MotionKind, spatial or planar. Raise an ArgumentError for an output that is unknown or needs a
+    missing argument.
     """
     available = (
         {"S1", "phi1", "psi"}

@@ -44,7 +44,8 @@ class ConstantSignal:
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
         """Return the value, repeated for the nodes of steps; shape (steps, nodes, ...), of many motions (*motions,
-        steps, nodes, ...). `start` gives only the number of the steps.
+        steps, nodes, ...). `start` gives only the number of the steps; their lengths, the second argument, are not
+        used.
         """
         motions, value_shape = self.motions, self.value.shape[len(self.motions) :]
         value = self.value.reshape(*motions, 1, 1, *value_shape)
@@ -63,7 +64,7 @@ class CallableSignal:
 
     def values_at(self, times: Array) -> Array:
         """Return the callable's values at times of any shape; the callable gets the times as an array (n,). Raise an
-        error if the values are not finite or not one for each time.
+        ArgumentError if the callable fails, or its values are not finite or not one for each time.
 
         Raises:
             ShapeError, DtypeError: the callable does not return one value for each time.
@@ -152,7 +153,7 @@ def read_signals(
 ) -> NDArray[np.object_]:
     """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one.
     `value` is the rate as the user gives it, a callable of t, a constant of shape `value_shape`, or samples at the
-    instants t. Raise an error that names the argument `name` if the rate is of another kind or shape.
+    instants t. Raise an ArgumentError that names the argument `name` if the rate is of another kind or shape.
 
     The rate of many motions is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each
     motion is constant.
@@ -253,7 +254,7 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
     """Return a dict of R1 and, if they are known, v1 and a1; shape (dimension,) or (..., 1 or N, dimension). `R1` is
     what the user gives, points, a tuple (R1, v1) or (R1, v1, a1), or a callable of t. A point at rest has zeros as v1
-    and a1. Raise an error if R1 is of another kind or shape.
+    and a1. Raise an ArgumentError if R1 is of another kind or shape.
 
     R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
     N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.

@@ -93,9 +93,9 @@ class _IntegratedValues(NamedTuple):
 def integrate_together(
     options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array
 ) -> tuple[Array, Array] | None:
-    """Integrate M motions over common steps, from `start` (attitudes, in the plane angles) and hinge angles psi_0.
-    Return a pair of arrays, the orientations (quaternions (M, N, 4), in the plane angles (M, N)) and the hinge angles
-    (M, N). Return None if the options give each motion steps of its own.
+    """Integrate M motions over common steps, from `start` (attitudes, in the plane angles) and hinge angles psi_0;
+    omega and psid are Signals. Return a pair of arrays, the orientations (quaternions (M, N, 4), in the plane angles
+    (M, N)) and the hinge angles (M, N). Return None if the options give each motion steps of its own.
 
     That is so with a tolerance, by Euler angles and by SciPy's solver. Overflow is not refused.
 
@@ -128,7 +128,8 @@ def solve(
 ) -> Solution:
     """Solve E12 for one motion, from the attitude `start` (in the plane an angle) and the hinge angle psi_0; return a
     `Solution`. `integrated`, unless None, is the pair of orientations and hinge angles that `integrate_together`
-    returned, which are then not computed again. Raise an error if a result overflows or the method fails.
+    returned, which are then not computed again. Raise an ArgumentError if a result overflows or SciPy's solver fails,
+    a GimbalLockError near gimbal lock, or a MissingDependencyError without SciPy.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -179,9 +180,9 @@ def solve(
 def _integrate(
     integral: Integral, start: Any, selected_steps: SelectedSteps, values: Array | None = None
 ) -> _IntegratedValues:
-    """Integrate a rate from `start` over selected steps; return `_IntegratedValues` at the instants. `values`, unless
-    None, is the integral at the ends of the steps, which is then not computed again. Raise an ArgumentError if the
-    integral overflows.
+    """Integrate a rate from `start` over `selected_steps`, a SelectedSteps object; return `_IntegratedValues` at the
+    instants. `values`, unless None, is the integral at the ends of the steps, which is then not computed again. Raise
+    an ArgumentError if the integral overflows.
     """
     steps, measured_errors = selected_steps.steps, selected_steps.measured_errors.get(integral)
     if values is None:
@@ -195,7 +196,8 @@ def _integrate(
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
     """Integrate Euler angles from the attitude S1_0; return `_IntegratedValues` with the attitudes as quaternions.
     `attitude` is the AttitudeIntegral of omega, which also gives the reference for the error. With a tolerance, halve
-    all steps until the error is below it or stagnates. Raise a GimbalLockError near gimbal lock.
+    all steps until the error is below it or stagnates, or there are more than STEP_BUDGET steps. Raise a
+    GimbalLockError near gimbal lock.
 
     Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
     gimbal lock from a fast turn.
@@ -232,7 +234,8 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
 def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
     """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853 from the attitude S1_0; return
     `_IntegratedValues` with unit quaternions. `attitude` is the AttitudeIntegral of omega, which also gives the
-    reference for the error. Raise an error if SciPy is missing, or its solver gives up or takes too many evaluations.
+    reference for the error. Raise a MissingDependencyError without SciPy, or an ArgumentError if its solver gives up
+    or takes too many evaluations.
     """
     try:
         from scipy.integrate import solve_ivp

@@ -195,13 +195,18 @@ def _divide_pieces(
 
 
 def _divisible_sizes(pieces: _Pieces) -> Array:
-    """Return the cautious error sizes of pieces [rad], 0 for a piece that is too short to divide."""
+    """Return the error sizes of pieces of the time span [rad], multiplied by 10 where an error may be small by
+    chance. The size is 0 for a piece that is too short to divide.
+    """
     divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
     return np.where(divisible, pieces.cautious_sizes, 0.0)
 
 
 class _PieceErrors:
-    """Errors of pieces for each integral, rotated to the axes of the first instant, where they add up."""
+    """Errors of pieces of the time span for each integral, rotated to the axes of the first instant, where they add
+    up. `largest_sum` expects their largest sum after a further division, and `rounding` is the largest rounding error
+    of an integral [rad].
+    """
 
     def __init__(self, integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> None:
         self.order = integrals[0].rule.order

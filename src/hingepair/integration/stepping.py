@@ -105,7 +105,9 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan: computes the products of the first k elements for all k, under any associative operation.
+    """Prefix scan: computes the products of the first k elements for all k. An element is a tuple of numbers, and the
+    product any associative operation on two elements. `scan` works on an array of elements in place, and `scan_steps`
+    on the elements of integration steps.
 
     Args:
         name: of the operation, for the names of kernels.

@@ -345,9 +345,10 @@ def trajectory_from_arrays(
     state_function: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory of `trajectory_class` from `arrays` (NumPy or Dask) and `other_values`, its fields by name.
-    `state_function` makes the state from a dict of the arrays whose names begin with STATE_OUTPUT_PREFIX, without
-    this prefix. NumPy arrays become read-only; those of error estimates become lazy values.
+    """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or
+    Dask) and `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
+    STATE_OUTPUT_PREFIX, without this prefix. NumPy arrays become read-only, and error estimates become lazy
+    values.
     """
     outputs = {
         name.removeprefix(STATE_OUTPUT_PREFIX): a
