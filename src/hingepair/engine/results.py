@@ -35,7 +35,7 @@ class Results(DaskCollection, Shown):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the samples as a tuple, with which the shape of every output begins; () for one state."""
+        """Leading shape of every output, as a tuple with a number for each axis of the samples; () for one state."""
         return self._content[2]
 
     @property
@@ -44,8 +44,8 @@ class Results(DaskCollection, Shown):
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return a dict of all computed outputs by their names. The values are read-only arrays; a scalar output of
-        one state is a NumPy number.
+        """Return a dict whose keys are the names of the computed outputs. The values are read-only arrays; a scalar
+        output of one state is a NumPy number.
         """
         return {name: self[name] for name in self._content[0]}
 

@@ -27,12 +27,12 @@ class ClusterFit:
     (`ok`), and findings.
 
     Attributes:
-        body: the motion of the body, a BodyMotion of shape (N,) with R and S. The reference point R is the origin of
-            the axes in which `reference` gives the places. The motion is NaN where fewer than three markers are seen.
-        reference: places of the markers on the body, in the body's axes [m]; shape (M, 3).
+        body: the motion of the body, a BodyMotion of shape (N,) with R and S. The body's reference point is the point
+            from which `reference` gives the places. R and S are NaN where fewer than three markers are seen.
+        reference: places of the markers on the body, from the reference point, in the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
             not seen.
-        rms: rms of these distances for each marker [m]; shape (M,).
+        rms: root mean square of each marker's residuals [m]; shape (M,).
         noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
         ok: whether the cluster is rigid.
         findings: sentences that say which marker moved relative to the others.

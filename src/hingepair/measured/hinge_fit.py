@@ -72,8 +72,8 @@ class EncoderFit:
 
     Attributes:
         zero: hinge angle psi at which the encoder reads 0 [rad].
-        scale: psi per unit of the reading: 1 for an encoder in radians that turns with psi, -1 for one that turns
-            against it.
+        scale: psi per unit of the reading: 1 for an encoder in radians whose reading grows with psi, and -1 if its
+            reading falls as psi grows.
         noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
             inaccurate if the noise of the attitudes is larger.
         std: dict of standard deviations with the keys "zero" [rad] and "scale".
@@ -92,17 +92,20 @@ class HingeFit(Shown):
 
     Attributes:
         pair: the hinge.
-        psi: hinge angle [rad], without jumps by 2 pi from one sample to the next, the first in [-pi, pi]; shape (N,),
-            NaN where a pose is missing.
+        psi: hinge angle [rad]; shape (N,), NaN where a pose is missing. The first angle is in [-pi, pi], and there
+            are no jumps by 2 pi between samples.
         psi_range: smallest and largest psi of the samples that are not outliers [rad].
-        covariance: covariance matrix of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this
-            order; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The rank is 9, as
-            three of the twelve components follow from conventions: the length of n, the position of the hinge point
-            along the axis, and the rotation of home about the axis.
-        std: dict of standard deviations. The values for the keys "u1", "u2", "n" and "home" have shape (3,); the
-            values for "noise_position", "noise_angle" and (with `t`) "clock_offset" are numbers.
-        rms_position: rms of `gap` [m]; with a robust loss, weighted by `weights`.
-        rms_angle: rms of `tilt` [rad], weighted in the same way; NaN if body 2 is a point (its S was not given).
+        covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
+            (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes)
+            [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The matrix has rank
+            9, because conventions fix three things: the length of n, the position of the hinge point along the axis,
+            and the rotation of home about the axis.
+        std: dict of standard deviations. The values for the keys "u1", "u2", "n" and "home" have shape (3,) and the
+            units of `covariance`; "home" stands for the rotation vector. The values for "noise_position",
+            "noise_angle" and (if `fit` was called with `t`) "clock_offset" are numbers.
+        rms_position: root mean square of `gap`, weighted with `weights` [m].
+        rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point (its S was not
+            given).
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
             noise of both bodies. It is inaccurate if the noise of the attitudes, times the length of u1 or u2, is
             much larger.
@@ -111,7 +114,7 @@ class HingeFit(Shown):
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
             without `t`. If the motion does not determine it, it is 0 and its standard deviation is inf.
-        encoder: the EncoderFit of the encoder; None if no readings were given.
+        encoder: the EncoderFit of the encoder; None if `fit` was called without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
         findings: sentences that say what the motion does not determine, why it does not agree with a hinge, and what
             else is notable.
@@ -120,9 +123,11 @@ class HingeFit(Shown):
         weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 where a pose is
             missing.
         t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
-        gap: distance between the hinge points of both bodies, abs(R1 + S1 u1 - R2 - S2 u2) [m]; (N,).
-        tilt: angle between the hinge axes of both bodies [rad]; (N,), NaN where body 2 is a point.
-        samples: number of samples used.
+        gap: distance between the hinge points of both bodies, abs(R1 + S1 u1 - R2 - S2 u2) [m]; shape (N,), NaN where
+            a pose is missing.
+        tilt: angle between the hinge axes of both bodies [rad]; shape (N,), NaN where a pose is missing, and at all
+            samples if body 2 is a point.
+        samples: number of samples that were used.
         body2: the motion of body 2 at the instants of body 1, corrected for the clock offset.
     """
 
@@ -151,9 +156,9 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Return a Residuals report on the `gap` and the `tilt` of every sample. Their tolerances are five times
-        `rms_position` and five times `rms_angle`. If the fit is not `ok`, the tolerances are the defaults of
-        `HingePair.residuals`, which allow for rounding errors only.
+        """Residuals report on the `gap` and the `tilt` of every sample. The tolerance of the gap is five times
+        `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If the fit is not `ok`, the
+        tolerances are the defaults of `HingePair.residuals`, which allow for rounding errors only.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_REPORT_LIMIT_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
@@ -165,8 +170,8 @@ class HingeFit(Shown):
         """Return a Matplotlib figure with the hinge angle psi [deg], the residual `gap` [mm] and the residual `tilt`
         [deg] over time. Raise MissingDependencyError if Matplotlib is not installed.
 
-        The horizontal axis is t [s], or the index of the sample if `fit` was called without `t`. If body 2 is a
-        point, `tilt` is left out.
+        If `fit` was called without `t`, the horizontal axis is the index of the sample. If body 2 is a point, the
+        figure has no `tilt`.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -251,9 +256,9 @@ class HingeFit(Shown):
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return a report as JSON text, a str: the hinge, standard deviations, rms residuals, noise, clock offset,
-        encoder, the smallest and largest psi, and the findings. Units are m, rad and s. Numbers that are not finite
-        become null.
+        """Return a report as JSON text, a str. It holds the hinge, the standard deviations, the rms residuals, the
+        noise, the clock offset, the encoder, the smallest and largest psi, and the findings. Units are m, rad and s.
+        Numbers that are not finite become null.
         """
         import json
 

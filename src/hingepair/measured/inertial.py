@@ -66,9 +66,9 @@ class AxisFit:
 
     Attributes:
         n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the argument `n` of a HingePair.
-        n2: hinge axis in body 2's axes, unit vector; shape (3,). In a HingePair, n2 = home^T n1.
-        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). An entry is inf if the motion does
-            not determine that direction.
+        n2: hinge axis in body 2's axes, unit vector; shape (3,). For a HingePair, n2 = home^T n1.
+        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). An element is inf if the motion
+            does not determine that direction.
         bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,). Its estimate stays near 0 in directions that
             the motion does not determine.
         bias2: bias of gyroscope 2 in body 2's axes [rad/s]; shape (3,).
@@ -98,17 +98,18 @@ class AnchorFit:
     Attributes:
         u1: vector from sensor 1 to the hinge point, in body 1's axes [m]; shape (3,).
         u2: vector from sensor 2 to the hinge point, in body 2's axes [m]; shape (3,).
-        covariance: covariance matrix of the six components of u1 and u2 [m^2]; shape (6, 6). A variance is inf if the
-            motion does not determine the component. A convention of `fit_anchor` sets the position of the hinge point
-            along the axis, which therefore has no uncertainty in this matrix. If the hinge axis (n1 in body
-            1's axes, n2 in body 2's axes) was given to `fit_anchor`, it counts as exact.
+        covariance: covariance matrix of the six components of u1 and u2, in this order [m^2]; shape (6, 6). A
+            variance is inf if the motion does not determine the component. A convention sets the position of the
+            hinge point along the hinge axis (see `fit_anchor`). This position has no uncertainty in the matrix. A
+            hinge axis that was given to `fit_anchor` counts as exact.
         bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,). Its estimate stays near 0 in directions
             that the motion does not determine.
         bias2: bias of accelerometer 2 in body 2's axes [m/s^2]; shape (3,).
         bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3).
-        rms: root mean square of the residuals of all samples [m/s^2]. A residual is the difference between two values
-            of the magnitude of the specific force at the hinge point: one computed from sensor 1, one from sensor 2.
-        ok: whether a point exists that is fixed in both bodies, and the motion determines it.
+        rms: root mean square of the residuals of all samples [m/s^2]. The magnitude of the specific force at the
+            hinge point is computed from sensor 1 and from sensor 2; the residual is the difference of the two values.
+        ok: whether the records agree with a point that is fixed in both bodies, and the motion determines this point
+            except for its position along the hinge axis.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 

@@ -40,19 +40,18 @@ class AngleFit:
     standard deviations, whether the angle is reliable (`ok`), and findings.
 
     Attributes:
-        psi: hinge angle [rad], without jumps by 2 pi, the first in [-pi, pi]; shape (N,), NaN where a sample is
-            missing. At psi = 0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that
-            turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1 and n2 are more than 154 degrees
-            apart, a half turn comes first, as in the rule of `fit` for `home`.
-        psid: rate of psi [rad/s]; shape (N,). It is the measured rate minus `drift`.
-        std: standard deviation of psi [rad]; shape (N,).
-        drift: constant bias of the measured rate of psi [rad/s]. Without its subtraction, the integral of the
-            measured rate would drift.
+        psi: hinge angle [rad]; shape (N,), NaN where a sample is missing. The first angle is in [-pi, pi], and there
+            are no jumps by 2 pi between samples. At psi = 0, the attitude of body 2 relative to body 1 is the
+            rotation by the smallest angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1
+            and n2 are more than 154 degrees apart, this attitude follows the rule that `fit` states for `home`.
+        psid: rate of psi [rad/s]; shape (N,), NaN where a sample is missing. It is the measured rate minus `drift`.
+        std: standard deviation of psi [rad]; shape (N,), NaN where a sample is missing.
+        drift: constant bias of the measured rate of psi [rad/s].
         drift_std: standard deviation of `drift` [rad/s].
-        noise: standard deviation of an angle computed from a single sample [rad], the median over the samples. Such
-            an angle is the angle between the directions of one vector (the specific force or the angular velocity)
-            in body 1's axes and in body 2's axes.
-        ok: whether the measured vectors determine the angle.
+        noise: standard deviation of a hinge angle that is computed from a single sample [rad], the median over the
+            samples. Such an angle follows from one vector (the specific force or the angular velocity), measured in
+            body 1's axes and in body 2's axes.
+        ok: whether the measured vectors determine the angle and agree with the integral of the measured rate.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 

@@ -40,27 +40,29 @@ _JOINT_TABLE_HEADINGS = (
 class Mechanism(MechanismMethods):
     """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
 
-    A body consists of links that fixed or locked joints connect rigidly. The coordinates q are in rad for hinges and
-    in m for sliders. Their order is the order of `names`: depth-first, with the joints that a link carries sorted by
-    name, as in Pinocchio. Each of the arguments q, qd, qdd and tau of the methods is one of:
+    Links that fixed or locked joints connect form one rigid body. The coordinates q are in rad for hinges and in m
+    for sliders. Their order is the order of `names`: depth-first, with the joints that a link carries sorted by name,
+    as in Pinocchio. Each of the arguments q, qd, qdd and tau of the methods is one of:
 
     - an array of shape (..., dof);
     - a table (such as a DataFrame) whose columns have the joints' names;
-    - a dict by joint name, with a number or an array (...) for each joint; a number holds for every sample.
+    - a dict whose keys are the joints' names, with a number or an array (...) for each joint. A number is the same
+      for all samples.
 
     The argument `base_motion` is a BodyMotion with the pose and the motion of the base. Without it, the base rests at
-    the origin of the world. If it has only a position and an attitude, the base rests in this pose. Vectors
-    are in world axes, and accelerations are classical (the second derivatives of positions).
+    the origin of the world. If it has only R and S, the base rests in this pose. R1 is the position of the base's
+    reference point, the origin of the base link. Vectors are in world axes, and accelerations are classical (the
+    second derivatives of positions).
 
     Args:
         pairs: HingePairs and Sliders, one for each joint, in the order of q. The name of a pair is the name of the
-            joint. Body 2 of a pair is a link that also has the pair's name, with its frame at R2 and along the axes
-            S2. Body 1 of the first pair is the link "base". If two pairs share a body, give its mass properties in
-            one of them, or with equal values in both.
+            joint, and also the name of the link that is body 2 of the pair. The origin of this link's frame is the
+            reference point of body 2. Body 1 of the first pair is the link "base". If two pairs share a body, give
+            its mass properties in one of them, or with equal values in both.
         parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, 2 for body 2
             of the second pair, and so on. By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
-        name: name of the robot; "mechanism" unless given.
+        name: name of the robot. By default, it is "mechanism".
 
     Raises:
         ArgumentError: the pairs do not form a tree, or they are not in the order of q; the message gives that order.
@@ -100,24 +102,25 @@ class Mechanism(MechanismMethods):
         snap: float | None = None,
     ) -> Mechanism:
         """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
-        `locked` is a dict of positions by joint name; these joints are held at these positions. An rpy angle of an
-        <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple. Issue a DynamicsWarning if a
-        joint is locked beyond its limits, or if the joint that a mimic joint follows does not exist.
+        `locked` is a dict whose keys are names of joints; each of these joints is held at the position that is its
+        value. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
+        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
+        does not exist.
 
-        Revolute and continuous joints become hinges, prismatic joints sliders. Links connected by fixed joints become
-        one body with their combined mass and inertia. A mimic joint has no coordinate of its own: its position is
-        computed from the joint that it follows. Masses and inertias are used as they are written, even if no rigid
-        body can have them; a `DynamicsWarning` names such bodies at the first computation that uses masses.
+        Revolute and continuous joints become hinges, and prismatic joints become sliders. Links that fixed joints
+        connect become one body with their combined mass and inertia. A mimic joint has no coordinate of its own: its
+        position is computed from the joint that it follows. Masses and inertias are used as they are written, even if
+        no rigid body can have them; a `DynamicsWarning` names such bodies at the first computation that uses masses.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<").
             base: "fixed" (default) or "free"; the base is the root link.
-            locked: positions [rad or m] at which joints are held, as a dict by joint name, such as
-                {"panda_finger_joint1": 0.02}; mimic joints that follow them are held too. A position beyond the
-                joint's limits is used, with a `DynamicsWarning`.
+            locked: dict of the positions [rad or m] at which joints are held; its keys are names of joints, as in
+                {"panda_finger_joint1": 0.02}. Mimic joints that follow these joints are held too. A position beyond
+                the joint's limits is used, with a `DynamicsWarning`. By default, no joint is locked.
             snap: tolerance [rad], such as 1e-5. If an rpy angle of an <origin> differs from a multiple of pi/2 by at
                 most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1 or -1. By
-                default, this is done only for the floating-point number nearest to a multiple of pi/2.
+                default, only an angle that is the floating-point number nearest to a multiple of pi/2 is replaced.
 
         Raises:
             URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or
@@ -135,10 +138,10 @@ class Mechanism(MechanismMethods):
     def from_pinocchio(
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
-        """Return the robot of a Pinocchio model, such as one that Pinocchio has read from MJCF, as a Mechanism.
-        `base` is "fixed", "free" or None (as in the model). `locked` is a dict of positions by joint name; these
-        joints are held at these positions. Issue a DynamicsWarning if a joint is locked beyond its limits, or if the
-        model's gravity is not (0, 0, -9.81), the default of the methods.
+        """Return the robot of a Pinocchio model, such as a model that Pinocchio has read from MJCF, as a Mechanism.
+        `base` is "fixed", "free" or None (as in the model). `locked` is a dict whose keys are names of joints; each
+        of these joints is held at the position that is its value. Issue a DynamicsWarning if a joint is locked beyond
+        its limits, or if the model's gravity is not (0, 0, -9.81), the default of the methods.
 
         The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
@@ -149,15 +152,18 @@ class Mechanism(MechanismMethods):
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
-                order; the joint at its root may be a free-flyer. Without a free-flyer and without continuous joints,
-                Pinocchio's q and the robot's q are the same. For a continuous joint, Pinocchio's q holds the cosine
-                and the sine of the angle, the robot's q the angle.
-            base: "fixed" or "free"; unless given, "free" if the model has a free-flyer, else "fixed".
-            locked: positions [rad or m] at which joints are held, as a dict by joint name, as for `from_urdf`.
+                order. The joint at its root may be a free-flyer. The robot's q is Pinocchio's q with two exceptions.
+                The seven numbers of a free-flyer are left out; the argument `base_motion` of the methods gives the
+                pose of the base. For a continuous joint, Pinocchio's q holds the cosine and the sine of the angle,
+                and the robot's q holds the angle.
+            base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.
+            locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have
+                no coordinate in the robot's q.
 
         Raises:
-            ArgumentError: a joint is of a kind not listed here or is not in depth-first order; its armature is
-                negative or not finite; or the free-flyer has an armature. The message names the joint.
+            ArgumentError: a joint is of a kind that is not listed here, a joint is not in depth-first order, the
+                armature of a joint is negative or not finite, or the free-flyer has an armature. The message names
+                the joint.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -180,7 +186,7 @@ class Mechanism(MechanismMethods):
 
     @property
     def dof(self) -> int:
-        """Number of coordinates q of the joints. The six degrees of freedom of a free base are not counted."""
+        """Number of coordinates in q. The six degrees of freedom of a free base are not counted."""
         return len(self.tree.coordinates)
 
     @property
@@ -195,17 +201,21 @@ class Mechanism(MechanismMethods):
 
     @property
     def position_limits(self) -> Float64Array:
-        """Lower (first column) and upper limits of q [rad or m], -inf and inf without limits; shape (dof, 2)."""
+        """Lower limits (first column) and upper limits (second column) of q [rad or m]; shape (dof, 2). Joints
+        without limits get -inf and inf.
+        """
         return self._limits("position_limits", 2)
 
     @property
     def rate_limits(self) -> Float64Array:
-        """Largest permitted rates of the coordinates [rad/s or m/s], inf for joints without a limit; shape (dof,)."""
+        """Largest permitted rates of the coordinates [rad/s or m/s]; shape (dof,). Joints without a limit get inf."""
         return self._limits("rate_limit")
 
     @property
     def effort_limits(self) -> Float64Array:
-        """Largest motor torques (hinges) [N m] and forces (sliders) [N], inf without a limit; shape (dof,)."""
+        """Largest motor torques of hinges [N m] and motor forces of sliders [N]; shape (dof,). Joints without a limit
+        get inf.
+        """
         return self._limits("effort_limit")
 
     @property
@@ -214,8 +224,8 @@ class Mechanism(MechanismMethods):
 
         The unit is kg m^2 for hinges and kg for sliders. Each value is the inertia of the rotor times the square of
         the gear ratio. A mimic joint adds its own value, times the square of the mimic multiplier, to the value of
-        the joint that it follows. Only robots from Pinocchio models (`from_pinocchio`)
-        have such inertias; for all others they are 0.
+        the joint that it follows. Only robots from Pinocchio models (`from_pinocchio`) have such inertias; for all
+        other robots, they are 0.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:
@@ -274,17 +284,17 @@ class Mechanism(MechanismMethods):
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with an additional frame called `name`, such as a tool frame. It
-        is fixed to the link, joint or frame named `link`. R [m] and S (3, 3) are its position and rotation in that
-        frame; S is the identity unless given. The robot itself is not changed.
+        """Return a copy of the robot, a Mechanism, with an additional frame called `name`, such as a tool frame. The
+        new frame is fixed to the link, joint or frame named `link`. R [m] and S (3, 3) are the position and the
+        rotation of the new frame relative to the frame `link`. The robot itself is not changed.
 
         Args:
             name: name of the new frame; no link, joint or frame may have it already.
             link: name of the link, the joint or the other frame to which the new frame is fixed.
-            R: position of the new frame's origin from the origin of `link`, in the axes of `link` [m]; shape (3,);
-                zero unless given.
-            S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3); the identity unless
-                given.
+            R: vector from the origin of `link` to the origin of the new frame, in the axes of `link` [m]; shape (3,).
+                By default, it is zero.
+            S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3). By default, it is
+                the identity.
 
         Raises:
             ArgumentError: the robot has no frame `link`, the name is already in use, or R or S cannot be used.

@@ -120,7 +120,7 @@ class MechanismMethods(Shown):
     ) -> MechanismState:
         """Compute the poses of the frames named in `frames`; with `qd` also their velocities, and with `qdd` also
         their accelerations (E2, E5, E7-E9). Return a MechanismState. `base_motion` is a BodyMotion; without it, the
-        base rests at the origin of the world. `out` is a dict of arrays by output name, which are written in place.
+        base rests at the origin of the world. If a dict of arrays `out` is given, the results are written into them.
 
         Args:
             q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
@@ -128,22 +128,24 @@ class MechanismMethods(Shown):
                 each joint.
             qd: first time derivatives of q, in one of the forms of q.
             qdd: second time derivatives of q, in one of the forms of q; they need qd.
-            frames: names of links, joints or added frames; unless given, `robot.tips`, the last link of every branch.
-                If a joint and a link have the same name, it means the link.
+            frames: names of links, joints or added frames. By default, they are `robot.tips`, the last link of every
+                branch. A name that a joint and a link share means the link. The frame of a joint moves with the link
+                behind the joint.
             outputs: names of the outputs to compute, out of R (position of the frame's origin), S (rotation matrix
-                from frame axes to world axes), d (vector from the base's reference point to R), v, omega, a and
-                alpha. By default, all outputs are computed for which the coordinates suffice.
-            base_motion: pose and motion of the base; unless given, the base rests at the origin of the world.
-            out: arrays by output name, which are written in place; shape (..., frames, 3), for S
-                (..., frames, 3, 3).
+                from frame axes to world axes), d (vector from the base's reference point to R), v (velocity of the
+                frame's origin), omega, a and alpha. By default, all outputs are computed for which the coordinates
+                suffice.
+            base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written;
+                shape (..., frames, 3), for S (..., frames, 3, 3).
             workers: number of threads; -1 for all cores.
             backend: "numpy", "compiled", or "auto" (default), which uses compiled code if there are enough samples to
                 make up for the time of compiling.
 
         Returns:
             The motion of the frames. For a result `state`, `state["panda_hand"].R` is the position of one frame,
-            shape (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). The dtype is
-            float32 if all given arrays are float32, else float64.
+            shape (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). Outputs that are
+            not computed are None. The dtype is float32 if all given arrays are float32, else float64.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -176,17 +178,18 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J of the frame named `frame` as an array (..., 6, dof): if the base is at rest,
         (v, omega) = J @ qd (E2, E8). For a free base, (v, omega) = J @ (v1, omega1, qd), and J has shape
-        (..., 6, 6 + dof). `base_motion` is None or a BodyMotion. The array `out` is written in place.
+        (..., 6, 6 + dof). `base_motion` is None or a BodyMotion. If an array `out` is given, J is written into it.
 
-        v is the velocity of the frame's origin, and omega its angular velocity, both in world axes. Pinocchio calls
-        this Jacobian LOCAL_WORLD_ALIGNED.
+        v is the velocity of the frame's origin, and omega is the angular velocity of the frame. v1 and omega1 are the
+        velocity of the base's reference point and the angular velocity of the base. All four are in world axes.
+        Pinocchio calls this Jacobian LOCAL_WORLD_ALIGNED.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            frame: name of a link, a joint or an added frame; by default the last link of a robot that has a single
-                branch.
-            base_motion: motion of the base, of which only S is used; unless given, S is the identity.
-            out: an array that is written in place, of the shape of the result.
+            frame: name of a link, a joint or an added frame. By default, it is the last link if the robot has a
+                single branch.
+            base_motion: motion of the base; only S is used. By default, S is the identity.
+            out: an array of the shape of the result, into which the result is written.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
@@ -213,13 +216,14 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). It is `bias` in
-        (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and a1 and
-        alpha1 are zero too. `base_motion` is a BodyMotion or None. The array `out` is written in place.
+        (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and the result
+        is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an array
+        `out` is given, the bias is written into it.
 
         J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin, alpha is
         the angular acceleration, and both are in world axes. If the base is "fixed", the bias includes the effect of
-        the velocities and accelerations of `base_motion`. `qd` are the time derivatives of q; the other arguments are
-        those of `jacobian`.
+        the velocities and accelerations of `base_motion`; if it is "free", only S and omega of `base_motion` are
+        used. `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -246,30 +250,30 @@ class MechanismMethods(Shown):
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
         """Compute rigorous bounds on the rounding errors of results of the robot's methods at every sample. Return a
-        dict of arrays; its keys are the names in `outputs`, by default the outputs of `forward_kinematics`.
+        dict of arrays whose keys are the names in `outputs`, by default the outputs of `forward_kinematics`.
         `base_motion` is None or a BodyMotion.
 
-        The error is the difference between the computed result and the exact result of the equations. The exact
-        result is for the given arguments and for the joints and bodies of this robot as they are stored
-        (`robot.tree`). The bounds are rigorous for both backends if sines and cosines are accurate to 1.5 units in
-        the last place.
+        The error is the difference between the computed result and the exact result of the equations. The given
+        arguments are taken as exact, and so are the joints and bodies of this robot as they are stored in
+        `robot.tree`. The bounds are rigorous for the backends "numpy" and "compiled" if sines and cosines are
+        accurate to 1.5 units in the last place.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
             qd: first time derivatives of q.
             qdd: second time derivatives of q.
             frames: as for `forward_kinematics`.
-            outputs: names of outputs; by default all outputs of `forward_kinematics` that the inputs allow. Names
-                are:
+            outputs: names of results. By default, all outputs of `forward_kinematics` that the inputs allow. The
+                names are:
 
-                - those of `forward_kinematics`: R, S, d, v, omega, a, alpha;
+                - R, S, d, v, omega, a and alpha, from `forward_kinematics`;
                 - jacobian and acceleration_bias, which are computed only for the first frame in `frames`;
-                - tau, force1 and torque1 of `inverse_dynamics`;
-                - qdd of `forward_dynamics`, and for a free base a1 and alpha1;
+                - tau, force1 and torque1, from `inverse_dynamics`;
+                - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
                 - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
-                  centre_of_mass_bias, each the result of the method of that name;
-                - kinetic and potential of `energy`;
-                - linear, angular_about_origin and angular_about_centre of `momentum`.
+                  centre_of_mass_bias, each the result of the method with this name;
+                - kinetic and potential, from `energy`;
+                - linear, angular_about_origin and angular_about_centre, from `momentum`.
             base_motion: pose and motion of the base, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             tau: joint torques and forces, in one of the forms of q; only the outputs qdd, a1 and alpha1 need them.
@@ -277,10 +281,11 @@ class MechanismMethods(Shown):
             torque1: torque on a free base, as for `forward_dynamics`.
 
         Returns:
-            For each output and each sample, a bound on the absolute errors of all its components, in the output's
-            unit. For outputs of `forward_kinematics`, the bounds have shape (..., frames), one for each frame; for
-            all other outputs, they have shape (...). A bound is infinite if numbers overflow or are not finite. It is
-            also infinite if the mass matrix is so close to singular that rounding errors could make it singular.
+            A dict whose keys are the names of the outputs. Each value is an array with a bound for each sample, in
+            the unit of the output; the bound holds for the absolute errors of all components. For outputs of
+            `forward_kinematics`, the array has shape (..., frames), one bound for each frame; for all other outputs,
+            it has shape (...). A bound is infinite if numbers overflow or are not finite. It is also infinite if the
+            mass matrix is so close to singular that rounding errors could make it singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
@@ -331,30 +336,32 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismForces:
         """Compute the joint torques and forces `tau`, and the force `force1` and torque `torque1` on the base, that a
-        motion of the robot requires (T1-T3). Return a MechanismForces. `wrenches` is a dict of further loads (force,
-        torque) by link name; `base_motion` is a BodyMotion. `out` is a dict of arrays by output name, which are
-        written in place. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
-        inertia was not given, so that a default is used, or if the given value is physically impossible.
+        motion of the robot requires (T1-T3). Return a MechanismForces. `wrenches` is a dict of further loads whose
+        keys are names of links and whose values are pairs (force, torque). `base_motion` is None or a BodyMotion. If
+        a dict of arrays `out` is given, the results are written into them. The robot's first computation that uses
+        masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
             qd: first time derivatives of q.
             qdd: second time derivatives of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads that act on links: a dict of (force, torque) by link name, in world axes [N, N m],
-                shape (..., 3) each or the number 0. The force acts at the origin of the link.
-            base_motion: motion of the base, of which only S, omega, a and alpha are used. By default, the base is at
-                rest, and S is the identity.
+            wrenches: further loads that act on links: a dict whose keys are names of links and whose values are pairs
+                (force, torque), in world axes [N, N m]; shape (..., 3) each, or the number 0. The force acts at the
+                origin of the link's frame. By default, there are none.
+            base_motion: motion of the base; only S, omega, a and alpha are used. By default, the base is at rest, and
+                S is the identity.
             outputs: names of the outputs to compute, out of tau, force1 and torque1; by default all.
-            out: arrays by output name, which are written in place.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            tau: torques of hinges [N m] and forces of sliders [N] in the order of q; shape (..., dof). force1 [N] and
-            torque1 [N m]: force on the base at R1 and torque on the base about R1 that the motion requires, world
-            axes; shape (..., 3) each. If the base is "fixed", its support exerts them, and the base's own mass is
-            not counted; if it is "free", that mass is counted.
+            The MechanismForces. Its `tau` are the torques of hinges [N m] and the forces of sliders [N] in the order
+            of q; shape (..., dof). Its `force1` [N] is the force on the base at the base's reference point R1, and
+            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. If the base is
+            "fixed", its support exerts them, and the base's own mass is not counted. If it is "free", this mass is
+            counted.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -391,12 +398,12 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Return a
-        MechanismAccelerations with the attribute `qdd`, and for a free base `a1` and `alpha1`. If the mass matrix of
-        a sample is singular, its accelerations are NaN, and a DynamicsWarning is issued. `wrenches` is a dict of
-        further loads (force, torque) by link name; `base_motion` is a BodyMotion; `force1` and `torque1` act on a
-        free base. `out` is a dict of arrays by output name, which are written in place. The robot's first computation
-        that uses masses issues a DynamicsWarning if a mass or an inertia was not given, so that a default is used, or
-        if the given value is physically impossible.
+        MechanismAccelerations with the attribute `qdd`, and for a free base also `a1` and `alpha1`. If the mass
+        matrix is singular at a sample, the accelerations of this sample are NaN, and a DynamicsWarning is issued.
+        `wrenches` is a dict of further loads whose keys are names of links and whose values are pairs (force,
+        torque). `base_motion` is None or a BodyMotion. `force1` and `torque1` act on a free base. If a dict of arrays
+        `out` is given, the results are written into them. The robot's first computation that uses masses issues a
+        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -404,20 +411,21 @@ class MechanismMethods(Shown):
             tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: further loads that act on links, as for `inverse_dynamics`.
-            force1: force on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
-            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3), or the number 0.
-            base_motion: motion of the base, of which only S and omega are used, and for a "fixed" base also a and
-                alpha. By default, the base is at rest, and S is the identity.
+            force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 for a
+                fixed base.
+            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 for a fixed base.
+            base_motion: motion of the base. For a "free" base, only S and omega are used; for a "fixed" base, S,
+                omega, a and alpha. By default, the base is at rest, and S is the identity.
             outputs: names of the outputs to compute: qdd, and for a free base a1 and alpha1; by default all.
-            out: arrays by output name, which are written in place.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
             workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            qdd: second time derivatives of q; shape (..., dof). For a free base also a1, the acceleration of R1
-            [m/s^2], and alpha1, the angular acceleration of the base [rad/s^2], world axes; shape (..., 3) each. If
-            the mass matrix of a sample is singular, they are NaN for this sample, and a DynamicsWarning names a joint
-            whose motion no inertia resists.
+            The MechanismAccelerations. Its `qdd` are the second time derivatives of q [rad/s^2 for hinges, m/s^2 for
+            sliders]; shape (..., dof). For a free base, its `a1` is the acceleration of R1 [m/s^2], and its `alpha1`
+            is the angular acceleration of the base [rad/s^2]; world axes, shape (..., 3) each. If the mass matrix is
+            singular at a sample, they are NaN, and the DynamicsWarning names a joint whose motion no inertia resists.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -449,13 +457,13 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
-        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). The array
-        `out` is written in place. `base_motion` is None or a BodyMotion. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given,
-        or if the given value is physically impossible.
+        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). If an array
+        `out` is given, M is written into it. `base_motion` is None or a BodyMotion. The robot's first computation
+        that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        The bias is the result of `bias_forces`. The rows and columns of the base are in world axes. The arguments are
-        those of `jacobian`; of `base_motion`, only S is used.
+        `bias` is the result of `bias_forces`. a1, alpha1, force1 and torque1 are in world axes; force1 acts at the
+        base's reference point R1, and torque1 is about R1. The arguments are the same as for `jacobian`; of
+        `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -477,17 +485,18 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof). They are the term
-        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). The
-        array `out` is written in place. `base_motion` is None or a BodyMotion. At the robot's first computation that
-        uses masses, issue a DynamicsWarning if masses or inertias are missing or impossible.
+        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). If an
+        array `out` is given, the result is written into it. `base_motion` is None or a BodyMotion. The robot's first
+        computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is physically
+        impossible.
 
         Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
-        Coriolis, centrifugal and gravity terms. For a free base, they are (force1, torque1, tau): the force on the
-        base at its origin R1 and the torque about R1 in world axes, then the torques and forces of the joints. For a
-        free base, only S and omega of `base_motion` are used. A "fixed" base rests or moves as `base_motion`
-        prescribes; a and alpha of `base_motion` are then used too. `gravity` is the
-        acceleration of free fall, world axes [m/s^2], shape (3,); `qd` are the time derivatives of q; the other
-        arguments are those of `jacobian`.
+        Coriolis, centrifugal and gravity terms. For a fixed base, they are the torques [N m] and forces [N] of the
+        joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1 [N]
+        and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base, only
+        S and omega of `base_motion` are used. A "fixed" base rests or moves as `base_motion` prescribes; a and alpha
+        of `base_motion` are then used too. `gravity` is the acceleration of free fall, world axes [m/s^2],
+        shape (3,). `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -509,14 +518,14 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
-        for a free base (..., 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion.
-        The robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given,
-        or if the given value is physically impossible.
+        for a free base (..., 6 + dof). If an array `out` is given, the result is written into it. `base_motion` is
+        None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
+        inertia was not given or is physically impossible.
 
         The generalized forces are torques of hinges [N m] and forces of sliders [N], in the order of q. For a free
-        base, the array begins with the force on the base at R1 [N] and the torque on the base about R1 [N m], in
-        world axes. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The other arguments
-        are those of `jacobian`; of `base_motion`, only S is used.
+        base, the array begins with the force on the base at its reference point R1 [N] and the torque on the base
+        about R1 [N m], in world axes. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
+        other arguments are the same as for `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -537,12 +546,12 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
-        "fixed" base is not included. The array `out` is written in place. `base_motion` is None or a BodyMotion. At
-        the robot's first computation that uses masses, issue a DynamicsWarning if masses or inertias are missing or
-        impossible.
+        "fixed" base is not included. If an array `out` is given, the position is written into it. `base_motion` is
+        None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
+        inertia was not given or is physically impossible.
 
-        The arguments are those of `jacobian`; of `base_motion`, only R and S are used. The centre of mass of a single
-        body is `Body.center_of_mass`.
+        The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, R is zero.
+        The centre of mass of a single body is `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -562,11 +571,13 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): if the base is at rest, the
         velocity of the centre of mass is J @ qd. For a free base, this velocity is J @ (v1, omega1, qd), and J has
-        shape (..., 3, 6 + dof). The array `out` is written in place. `base_motion` is None or a BodyMotion. The
-        robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given, or
-        if the given value is physically impossible.
+        shape (..., 3, 6 + dof). If an array `out` is given, J is written into it. `base_motion` is None or a
+        BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia
+        was not given or is physically impossible.
 
-        Vectors are in world axes. The arguments are those of `jacobian`; of `base_motion`, only S is used.
+        Vectors are in world axes. v1 is the velocity of the base's reference point, and omega1 is the angular
+        velocity of the base. The mass of a "fixed" base is not included. The arguments are the same as for
+        `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -586,15 +597,16 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of the acceleration of the centre of mass that velocities cause, an array (..., 3)
-        [m/s^2]: bias in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias.
-        `base_motion` is None or a BodyMotion. The array `out` is written in place. The robot's first computation that
-        uses masses issues a DynamicsWarning if a mass or an inertia was not given,
-        or if the given value is physically impossible.
+        """Compute the acceleration of the robot's centre of mass at qdd = 0, an array (..., 3) [m/s^2]. It is `bias`
+        in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias, and the result
+        is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an array
+        `out` is given, the bias is written into it. The robot's first computation that uses masses issues a
+        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. If the base is "fixed", the bias also
-        contains the effect of the velocities and accelerations of `base_motion`. `qd` are the time derivatives of q;
-        the other arguments are those of `jacobian`.
+        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. If the base is "fixed", the bias
+        includes the effect of the velocities and accelerations of `base_motion`; if it is "free", only S and omega of
+        `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as for
+        `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -617,12 +629,11 @@ class MechanismMethods(Shown):
         """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
         `.kinetic` and `.potential`, arrays with one element for each sample. The potential energy of a mass at the
         origin of the world is 0. `base_motion` is None or a BodyMotion. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given,
-        or if the given value is physically impossible.
+        masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
         The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
-        kinetic energy. Of `base_motion`, only R, S, v and omega are used. The other arguments are those of
-        `inverse_dynamics`.
+        kinetic energy. Of `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of
+        the world. The other arguments are the same as for `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -647,10 +658,11 @@ class MechanismMethods(Shown):
         Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
         about the origin of the world if `about` is "origin", and about the robot's centre of mass if it is "centre".
         `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
-        if a mass or an inertia was not given, or if the given value is physically impossible.
+        if a mass or an inertia was not given or is physically impossible.
 
-        The mass of a "fixed" base and the inertias of rotors (`armature`) are not counted. Of `base_motion`, only R,
-        S, v and omega are used. The other arguments are those of `inverse_dynamics`.
+        The mass of a "fixed" base and the inertias of the motors' rotors (`armature`) are not counted. Of
+        `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of the world. The
+        other arguments are the same as for `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -675,7 +687,7 @@ class MechanismMethods(Shown):
     ) -> PreparedMechanism:
         """Plan, check and compile a computation once, and return it as a callable for loops over single states or
         small batches. `given` is the name of a computation such as "jacobian", or a tuple of the names of the
-        callable's arguments. `frames` and `outputs` are the names of the frames and of the outputs to compute.
+        callable's arguments. `frames` are the names of the frames, and `outputs` the names of the results to compute.
 
         Args:
             given: one of two things:
@@ -686,25 +698,26 @@ class MechanismMethods(Shown):
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
                   "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
-                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
-                  `outputs` then names the outputs.
+                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base). The
+                  computation then follows from `outputs`.
 
                 If the motion of the base is not among the arguments, the base rests at the origin of the world.
-            frames: as for `forward_kinematics`.
-            outputs: names of the outputs to compute; by default all outputs of the computation that `given` names, or
-                for a tuple all outputs of `forward_kinematics` that it allows.
+            frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
+            outputs: names of the outputs to compute. By default, these are all outputs of the computation that
+                `given` names. For a tuple, they are by default all outputs of `forward_kinematics` for which the
+                arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for all cores.
             backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
                 fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A callable. Its positional arguments are the arrays, in the order above or in the order of the tuple; its
-            optional keyword argument `out` is that of the robot's methods. It returns the result of one of the
-            robot's methods: of `forward_kinematics` for "pose", "velocity" and "acceleration", otherwise of the
-            method with the name of the computation. For a tuple, `outputs` determines the method. The callable has
-            the attributes `.source`, the generated Python code; `.llvm`, the LLVM code; and `.operations`, the
-            numbers of operations as from `count_operations`.
+            A callable. Its positional arguments are the arrays, in the order above or in the order of the tuple. Its
+            optional keyword argument `out` is used as in the robot's methods. It returns what one of the robot's
+            methods returns: `forward_kinematics` for "pose", "velocity" and "acceleration", otherwise the method with
+            the name of the computation. For a tuple, `outputs` determines the method. The callable has the attributes
+            `.source`, the generated Python code; `.llvm`, the generated LLVM code; and `.operations`, the
+            OperationCounts that `count_operations` returns.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given; the message names it.
@@ -750,9 +763,9 @@ class MechanismMethods(Shown):
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
-            outputs: names of outputs of `forward_kinematics`, or of `inverse_dynamics`.
+            outputs: names of outputs of `forward_kinematics` or `inverse_dynamics`.
             frames: as for `forward_kinematics`.
-            base_motion: pose and motion of the base; unless given, it rests at the origin.
+            base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
 
         Returns:
             A named tuple of three integers: `.per_sample`, the operations for each sample; `.shared`, the operations

@@ -33,8 +33,8 @@ _PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
 
 class FrameState(Results):
     """Motion of one frame at every sample in world axes and SI units: position R of the origin, rotation matrix S
-    from frame axes to world axes, vector d from the base's R1 to R, velocities v and omega, and accelerations a and
-    alpha. Outputs that were not computed are None.
+    from frame axes to world axes, vector d from the base's reference point to R, velocities v and omega, and
+    accelerations a and alpha. Outputs that were not computed are None.
     """
 
     __slots__ = _DOC_BY_MOTION_OUTPUT
@@ -50,14 +50,15 @@ class FrameState(Results):
 
 class MechanismState(Results):
     """Motion of some frames of a robot at every sample in world axes and SI units: position R of the origin, rotation
-    matrix S from frame axes to world axes, vector d from the base's R1 to R, velocities v and omega, and
+    matrix S from frame axes to world axes, vector d from the base's reference point to R, velocities v and omega, and
     accelerations a and alpha. Outputs that were not computed are None.
 
     The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
-    outputs have shape (..., F, 3). `state["hand"]` is the motion of one frame, without that axis.
+    outputs have shape (..., F, 3). For a MechanismState `state`, `state["hand"]` is the motion of the frame "hand", a
+    FrameState without the axis of the frames.
 
     Attributes:
-        frames: names of the frames, in the order of the axis.
+        frames: names of the frames, in the order of their axis.
     """
 
     __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _DOC_BY_MOTION_OUTPUT.items()}
@@ -140,8 +141,8 @@ class JointResults(Results):
         """Return a pandas DataFrame with a row for each sample. The first columns have the names of the joints. The
         components of the base's vectors follow in columns such as force1_x or a1_x.
 
-        If only `tau` was computed (`outputs=("tau",)`), the table has no other columns than those of the joints, and
-        the methods of the robot accept the table as the argument `tau`.
+        If only `tau` was computed (`outputs=("tau",)`), the table has only the columns of the joints, and the methods
+        of the robot accept the table as the argument `tau`.
 
         Raises:
             ArgumentError: the samples have more than one axis.
@@ -203,8 +204,9 @@ def _rebuild_joint_results(
 
 class MechanismForces(JointResults):
     """Forces and torques that a motion of a robot requires. tau are the torques of hinges [N m] and the forces of
-    sliders [N], shape (..., dof). force1 is the force on the base at R1 [N], and torque1 is the torque on the base
-    about R1 [N m], in world axes, shape (..., 3) each.
+    sliders [N] in the order of q, shape (..., dof). force1 is the force on the base at R1, the reference point of the
+    base [N], and torque1 is the torque on the base about R1 [N m], in world axes, shape (..., 3) each. Outputs that
+    were not computed are None.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -220,9 +222,9 @@ class MechanismForces(JointResults):
 
 class MechanismAccelerations(JointResults):
     """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
-    (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of its reference point
-    [m/s^2], and alpha1 is its angular acceleration [rad/s^2], in world axes, shape (..., 3) each. For a fixed base,
-    a1 and alpha1 are None.
+    (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of the base's
+    reference point [m/s^2], and alpha1 is the angular acceleration of the base [rad/s^2], in world axes, shape
+    (..., 3) each. For a fixed base, a1 and alpha1 are None.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

@@ -86,8 +86,8 @@ class DaskCollection:
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
-        """Compute all Dask arrays of this result together and return a result of the same class with NumPy arrays. If
-        the result has no Dask arrays, return the result itself. Keyword arguments are passed to `dask.compute`.
+        """Compute all Dask arrays of this result together, and return a result of the same class with NumPy arrays.
+        If this result has no Dask arrays, return this result itself. Keyword arguments are passed to `dask.compute`.
         """
         if not self._dask_arrays():
             return self

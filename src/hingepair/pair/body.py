@@ -33,8 +33,8 @@ _MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT = (
 
 
 class DynamicsWarning(UserWarning):
-    """Warns that computed forces or motion may be wrong: a mass or an inertia is assumed or impossible, a mass matrix
-    is singular, or a joint passes its limits.
+    """Warns that computed forces or motion may be wrong, for instance because a mass or an inertia is assumed or
+    impossible, a mass matrix is singular, or a joint is beyond its limits.
     """
 
 
@@ -49,7 +49,7 @@ def warn_of_dynamics(message: str) -> None:
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
     """A solid box, one of the shapes of a body, given by the lengths of its edges (`size`), its `center` and the
-    directions of its edges (`axes`). Shapes give a body its inertia and its picture.
+    directions of its edges (`axes`). The shapes of a body are drawn, and determine an inertia that is not given.
 
     Args:
         size: lengths of the three edges [m], each above zero; shape (3,).
@@ -60,7 +60,7 @@ class Box(Frozen):
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
-        RotationError: axes is not a rotation matrix to within 1e-9: with A = axes, an element of A A^T differs from
+        RotationError: the matrix A = axes is not a rotation matrix to within 1e-9: an element of A A^T differs from
             the same element of the identity by more than 2e-9, or the determinant of A is negative.
 
     >>> import hingepair as hp
@@ -88,8 +88,8 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. Shapes
-    give a body its inertia and its picture.
+    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. The shapes
+    of a body are drawn, and determine an inertia that is not given.
 
     Args:
         radius: radius of the cylinder, above zero [m].
@@ -130,8 +130,8 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. Shapes give a body its inertia
-    and its picture.
+    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. The shapes of a body are
+    drawn, and determine an inertia that is not given.
 
     Args:
         radius: radius of the sphere, above zero [m].
@@ -167,23 +167,24 @@ class Body(Frozen):
     Args:
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
             dynamics issue a `DynamicsWarning`.
-        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). If
-            neither this nor the inertia is given and there are shapes, it is the centre of mass of the shapes.
-            Otherwise the default is the reference point.
+        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
+            default, it is the centre of mass of the shapes if there are shapes and no inertia is given. Otherwise it
+            is the reference point by default.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
-            and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
-            of mass is used, even if `center_of_mass` is another point. If there are no shapes either, a radius of
-            gyration of 0.1 m is assumed, and the methods that compute dynamics issue a `DynamicsWarning`.
-        shapes: Box, Cylinder and Sphere objects. Viewers draw them. They also determine the inertia and the centre of
-            mass if these are not given. All shapes have the same density, and the mass of a volume that two shapes
-            share counts twice. Viewers draw a body without shapes as an arm that leads to the hinge, and one half of
-            the hinge.
+            and the inertia is used as given. If no inertia is given, it is computed from the mass and the shapes,
+            about the centre of mass of the shapes, even if `center_of_mass` is another point. If there are no shapes
+            either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
+            `DynamicsWarning`.
+        shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine it,
+            and also the centre of mass unless this is given. All shapes then have the same density, and the mass of a
+            volume that two shapes share counts twice. By default, there are no shapes, and viewers draw the body as
+            an arm that leads to the hinge, with one half of the hinge.
 
-    `dataclasses.replace(body, mass=3)` returns a body of another mass. Values that were not given for `body`, such as
-    an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
+    `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
+    as an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape, or no rigid body can have it; the error names
@@ -235,8 +236,8 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences, as a tuple of str, that say whether the mass or the inertia was not given, and which default is
-        used instead. The tuple is empty if no default is used.
+        """Sentences about assumed values, as a tuple of str. There is one if the mass was not given, and one if
+        neither an inertia nor shapes were given. Each names the value that is used.
         """
         sentences = []
         if "mass" in self._computed:

@@ -27,15 +27,16 @@ class BodyMotion(Frozen):
     """Position R, attitude S, velocities v and omega, and accelerations a and alpha of one body, at one or many
     samples, in world axes.
 
-    The arrays are not copied; the attributes are read-only views of them. Their leading axes (those of the samples)
-    broadcast. Arrays of JAX, PyTorch and other libraries are kept as they are, and it is not checked that S holds
-    rotation matrices. A Dask array S is checked chunk by chunk when the chunks are computed.
+    The arrays are not copied; the attributes are read-only views of them, or None for arrays that were not given. The
+    leading axes of the arrays, which are the axes of the samples, broadcast against each other. Arrays of JAX,
+    PyTorch and other libraries are kept as they are; whether S then holds rotation matrices is not checked. A Dask
+    array S is checked chunk by chunk when the chunks are computed.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
         S: rotation matrix from body axes to world axes; shape (..., 3, 3). If S is not given, the body is a point
-            whose attitude was not measured: `fit` accepts it as body 2, and functions that need an attitude raise an
-            ArgumentError.
+            whose attitude was not measured. `fit` accepts such a point as body 2; functions that need an attitude
+            raise an ArgumentError.
         v: velocity of the reference point [m/s]; shape (..., 3).
         omega: angular velocity [rad/s]; shape (..., 3).
         a: acceleration of the reference point, the second time derivative of R [m/s^2]; shape (..., 3).
@@ -45,9 +46,9 @@ class BodyMotion(Frozen):
         shape: the common leading shape of the arrays; () for one sample.
 
     Raises:
-        RotationError: a finite S is not a rotation matrix to within 1e-9 (1e-5 in float32): an element of S S^T
-            differs from the same element of the identity by more than twice this tolerance, or the determinant is
-            negative.
+        RotationError: a finite S is not a rotation matrix to within the tolerance 1e-9 (1e-5 in float32): an element
+            of S S^T differs from the same element of the identity by more than twice the tolerance, or the
+            determinant is negative.
         ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
 
     >>> import hingepair as hp
@@ -97,9 +98,10 @@ class BodyMotion(Frozen):
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last (Pinocchio, SciPy,
         ROS). Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other
-        arguments are those of BodyMotion.
+        arguments are the same as for BodyMotion.
 
-        The rounding error of each element of S is at most 6 * 2^-53.
+        In double precision, the rounding error of each element of S is at most 6 * 2^-53. Where a quaternion is not
+        finite, S is NaN.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).
@@ -134,10 +136,11 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first (MuJoCo). Quaternions
-        of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are those of
-        BodyMotion.
+        of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are the same as
+        for BodyMotion.
 
-        The rounding error of each element of S is at most 6 * 2^-53.
+        In double precision, the rounding error of each element of S is at most 6 * 2^-53. Where a quaternion is not
+        finite, S is NaN.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).
@@ -172,14 +175,14 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is given as rotation vectors `rotvec` (unit axis times angle) [rad]. The
-        other arguments are those of BodyMotion.
+        other arguments are the same as for BodyMotion.
 
-        The rounding error of each element of S is at most 6 * 2^-53 for angles up to 1e15 rad.
+        In double precision, the rounding error of each element of S is at most 6 * 2^-53 for angles up to 1e15 rad.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).
-            rotvec: rotation vectors, in world axes [rad]; shape (..., 3). They rotate the world axes into the body
-                axes.
+            rotvec: rotation vectors, in world axes [rad]; shape (..., 3). The rotation turns the world axes into the
+                body axes.
             v: velocity of the reference point [m/s]; shape (..., 3).
             omega: angular velocity [rad/s]; shape (..., 3).
             a: acceleration of the reference point [m/s^2]; shape (..., 3).

@@ -24,8 +24,9 @@ _ARRAY_USED_AS_SCALAR_ERROR_TEXTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
-    """Torque at the hinge from motor, spring, damper, friction and stops, for the argument `hinge_torque` of
-    `simulate`. A HingeLoad is a callable that takes arrays (t, psi, psid) and returns the torque [N m].
+    """Torque about the hinge axis that motor, spring, damper, friction and stops exert on body 2, for the argument
+    `hinge_torque` of `simulate`. A HingeLoad is a callable that takes t, psi and psid (numbers or arrays) and returns
+    the torque [N m].
 
     Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a
     stop by the angle delta, with the time derivative delta', the stop adds a torque that pushes back. Its magnitude
@@ -39,8 +40,8 @@ class HingeLoad:
         damping: coefficient of the damper [N m s/rad].
         friction: torque of dry friction [N m].
         friction_rate: None, or a hinge rate above 0 [rad/s]. With None, friction sticks and slips, as above. With a
-            rate, the torque is -friction tanh(psi' / friction_rate), which is smooth, but under a load the hinge
-            creeps instead of sticking.
+            rate, the friction torque is -friction tanh(psi' / friction_rate). It is a smooth function of psi', but
+            under a load the hinge creeps instead of sticking.
         stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). By default, there are no
             stops.
         stop_stiffness: stiffness of the stops, if they are springs [N m/rad].
@@ -52,8 +53,9 @@ class HingeLoad:
             or another HingeLoad, whose torque is added.
 
     Raises:
-        ArgumentError: a value is not finite, a value other than rest, stops and motor is negative, or the values
-            contradict each other; the error names the argument.
+        ArgumentError: a value is not finite; a value other than rest, stops and motor is negative; friction_rate is
+            0; stop_restitution is above 1; stop_restitution and a stop_damping above 0 are both given; or stops are
+            not in increasing order. The error names the argument.
 
     >>> import hingepair as hp
     >>> spring = hp.HingeLoad(stiffness=10, damping=0.5)
@@ -98,15 +100,16 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi [rad] of all stops, as a tuple in increasing order. If the motor is itself a HingeLoad, its
-        stops are included. Between these angles, the torque is a smooth function of psi.
+        """Angles psi [rad] of all stops, as a tuple in increasing order. Between these angles, the torque is a smooth
+        function of psi. If the `motor` of this load is another HingeLoad, the stops of that load are included.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
         """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        The argument `motor` may be another HingeLoad, whose rates of kinks and jumps are then included.
+        Dry friction and stops with damping cause them. If the `motor` of this load is another HingeLoad, the kinks
+        and jumps of that load are included.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -116,33 +119,34 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest; 0 if `friction_rate` is given. The
-        argument `motor` may be another HingeLoad, whose sticking friction is then added.
+        """Largest friction torque [N m] that can keep the hinge at rest. If this load has a `friction_rate`, its own
+        part is 0, because its friction torque is 0 at rest. If the `motor` of this load is another HingeLoad, the
+        sticking friction of that load is added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
         """Coefficients of restitution of the rigid stops, as a dict whose keys are the angles of the stops [rad].
-        Stops are rigid if stop_restitution is given. If the motor is itself a HingeLoad, its rigid stops are
-        included.
+        Stops are rigid if stop_restitution is given. If the `motor` of this load is another HingeLoad, the rigid
+        stops of that load are included.
         """
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
         return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """Range of psi between the rigid stops [rad], as a pair (lower, upper); -inf or inf on a side without one.
-        Stops are rigid if stop_restitution is given. The argument `motor` may be another HingeLoad, whose rigid stops
-        then narrow the range.
+        """Range of psi between the rigid stops [rad], as a pair (lower, upper); (-inf, inf) if no stops are rigid.
+        Stops are rigid if stop_restitution is given. If the `motor` of this load is another HingeLoad, the rigid
+        stops of that load can narrow the range.
         """
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """Range of psi between the stops [rad], as a pair (lower, upper); -inf or inf on a side without a stop. The
-        argument `motor` may be another HingeLoad, whose stops then narrow the range.
+        """Range of psi between the stops [rad], as a pair (lower, upper); (-inf, inf) if there are no stops. If the
+        `motor` of this load is another HingeLoad, the stops of that load can narrow the range.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -154,11 +158,10 @@ class HingeLoad:
         """Return the ratio w / v, from 0 to 1, where v is the magnitude of the hinge rate before an impact on a stop
         and w is its magnitude after the impact. It is assumed that no other torque acts during the impact.
 
-        For rigid stops, this is stop_restitution. Other stops are springs with damping: at a deflection delta, the
-        torque is stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. Then the ratio decreases
-        as v grows, and does not depend on the inertia: w is the solution of
-        c v - ln(1 + c v) = -c w - ln(1 - c w), of which both sides are proportional to the square of the largest
-        deflection.
+        For rigid stops, the ratio is stop_restitution. Other stops are springs with damping: at a deflection delta,
+        the torque is stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. For c = 0, the ratio
+        is 1. For c > 0, it decreases as v grows, and w is the solution of
+        c v - ln(1 + c v) = -c w - ln(1 - c w). The ratio does not depend on the stiffness or the inertia.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
@@ -192,26 +195,29 @@ class HingeLoad:
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants t, angles psi and rates psid with one branch of the formula, even if
-        another branch holds at psi and psid. The branch is the one that holds at the angle and rate in `side`, a pair
-        (angle, rate) of numbers or of arrays of the shape of psi.
+        """Compute the torque [N m] at instants t, angles psi and rates psid with the branch of the formula that
+        applies at the angle and the rate in `side`, even if another branch applies at psi and psid. `side` is a pair
+        (angle, rate) of numbers or arrays.
 
         Solvers use this method, since a stop or dry friction must not switch on or off within an integration step.
 
         Args:
-            side: hinge angle [rad] and hinge rate [rad/s] that select the branch: the angle selects whether a stop
-                acts, and the sign of the rate selects the direction of dry friction. Each is a number or has the
-                shape of psi.
+            side: hinge angle [rad] and hinge rate [rad/s] that select the branch; each is a number or an array of the
+                shape of psi. The angle and the rate decide whether a stop acts. The sign of the rate determines the
+                direction of dry friction.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
+
+        Returns:
+            The torque on body 2 about the hinge axis [N m]; shape (...,).
         """
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the parts of the torque [N m]. Return a dict with the key "motor", and with "spring", "damper",
-        "friction" and "stop" if this load has such a part. `side` is a pair (angle, rate) that selects the branch of
-        the formula, as for `smooth`; by default, it is (psi, psid).
+        """Compute the parts of the torque [N m]. Return a dict with the key "motor", and with the keys "spring",
+        "damper", "friction" and "stop" for the parts that this load has. `side` is a pair (angle, rate) that selects
+        the branch of the formula, as for `smooth`; by default, it is (psi, psid).
 
         Args:
             t: instants [s]; shape (...,).
@@ -221,8 +227,9 @@ class HingeLoad:
                 default psi and psid.
 
         Returns:
-            The parts by name; their sum is the torque. If the motor is a HingeLoad, each of its parts is added to the
-            part of the same name.
+            A dict whose keys are the names of the parts, and whose values are torques [N m], numbers or arrays
+            (...,). Their sum is the torque of this load. If the `motor` of this load is another HingeLoad, each part
+            of that load is added to the part of the same name.
 
         >>> import hingepair as hp
         >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)

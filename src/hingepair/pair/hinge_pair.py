@@ -46,9 +46,9 @@ class HingePair(Shown):
 
     The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
     another u1. u1, u2, n and home may have leading axes, which broadcast against the axes of the samples; each sample
-    then has its own values. In the methods, the argument `body1` is the motion of body 1, a `BodyMotion`; the
-    attribute `body1`, a `Body`, holds mass properties. All methods raise an ArgumentError, which names the argument,
-    if an argument cannot be used.
+    is then computed with its own values. In the methods, the argument `body1` is the motion of body 1, a
+    `BodyMotion`; the attribute `body1`, a `Body`, holds mass properties. All methods raise an ArgumentError, which
+    names the argument, if an argument cannot be used.
 
     Args:
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
@@ -58,13 +58,15 @@ class HingePair(Shown):
             in E5); shape (3, 3) or (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel
             at psi = 0.
         name: name of the pair in exports and messages.
-        limits: smallest and largest hinge angle [rad], for exports; shape (2,). `forward_kinematics` accepts any
-            angle, and `simulate` does not stop the hinge at the limits unless its `hinge_torque` has stops there:
-            `HingeLoad(stops=pair.limits)`.
-        body1: mass properties and shapes of body 1, a `Body`, for dynamics, exports and pictures.
-        body2: mass properties and shapes of body 2, a `Body`.
-        torque_limit: largest torque of the hinge's motor [N m], for exports. URDF calls it effort.
-        rate_limit: largest hinge rate [rad/s], for exports. URDF calls it velocity.
+        limits: smallest and largest hinge angle [rad], for exports; shape (2,). By default, there are no limits.
+            `forward_kinematics` accepts any angle, and `simulate` does not stop the hinge at the limits unless its
+            `hinge_torque` has stops there: `HingeLoad(stops=pair.limits)`.
+        body1: mass properties and shapes of body 1, a `Body`, for dynamics, exports and pictures. Without it, methods
+            that need the mass of body 1 raise an ArgumentError.
+        body2: mass properties and shapes of body 2, as for `body1`.
+        torque_limit: largest torque of the hinge's motor [N m], for exports; by default, no limit. URDF calls it
+            effort.
+        rate_limit: largest hinge rate [rad/s], for exports; by default, no limit. URDF calls it velocity.
         constants: an internal argument that `dataclasses.replace` passes. With it, values that are not replaced stay
             the same to the last bit.
 
@@ -181,11 +183,11 @@ class HingePair(Shown):
             qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 7) or a tuple of seven, like q.
             outputs: names of the outputs to compute, out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1,
                 a1, alpha1. By default, all outputs of body 2 that the inputs allow.
-            out: dict of arrays by output name, into which the results are written. Each array must have the shape of
-                its output and the dtype of the results.
-            sequence: Euler sequence of body 1, one of the 24 that SciPy knows: "XYZ" and other upper-case sequences
-                are intrinsic, lower-case ones extrinsic. phi_x, phi_y and phi_z are the angles of its first, second
-                and third letter.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+                Each array must have the shape of its output and the dtype of the results.
+            sequence: Euler sequence of body 1, one of the 24 sequences that SciPy knows. Upper-case sequences such as
+                "XYZ" are intrinsic, and lower-case sequences are extrinsic. phi_x, phi_y and phi_z are the angles of
+                the first, second and third letter.
             workers: number of threads; -1 for one thread per core.
             backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles. "auto"
                 compiles if the number of samples makes it worthwhile.
@@ -224,34 +226,34 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Return a Prepared object, which is called like a function and is compiled only once, for loops over single
-        states or small batches. `given` says which inputs it takes: a word such as "velocity", or a tuple of names.
-        `outputs` names what it computes.
+        states or small batches. `given` is a tuple of the names of its inputs, or a word such as "velocity" that
+        stands for such a tuple. `outputs` are the names of the results that it computes.
 
         Args:
             given: inputs of the Prepared object, in the order in which each call passes them. One of these:
 
-                - "pose", short for ("q",); "velocity", for ("q", "qd"); "acceleration", for ("q", "qd", "qdd");
+                - "pose", which means ("q",); "velocity", for ("q", "qd"); "acceleration", for ("q", "qd", "qdd");
                 - "inverse_dynamics", for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
                 - "forward_dynamics", for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque");
                 - a tuple of names out of q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid
-                  and psidd. For outputs that depend on the motion of both bodies, such as gap, also R2, S2, v2,
-                  omega2, a2 and alpha2. For forward dynamics, also the loads force1, torque1, hinge_torque, force2
-                  and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the attitude
-                  of body 1. The letters of the quaternions are the order of their components.
+                  and psidd. Outputs that depend on the motion of both bodies, such as gap, take R2, S2, v2, omega2,
+                  a2 and alpha2 too. Forward dynamics takes the loads force1, torque1, hinge_torque, force2 and
+                  torque2 too. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the attitude
+                  of body 1. The letters in quat_xyzw and quat_wxyz are the order of the quaternion's components.
             outputs: names of the outputs to compute, out of:
 
                 - the outputs of `forward_kinematics`;
                 - jacobian, acceleration_bias, coordinate_jacobian, coordinate_jacobian_rate and mass_matrix, the
                   results of the methods with these names;
                 - the attributes of `Sensitivities` (d_by_u1, ...);
-                - if S2 is given, the arrays of `Residuals` (gap, tilt, psi, ...), and the results of the methods
+                - if S2 is an input, the arrays of `Residuals` (gap, tilt, psi, ...), and the results of the methods
                   constraint_jacobian and constraint_bias;
                 - force1, torque1 and hinge_torque (`inverse_dynamics`), bearing_torque (`hinge_wrench`), kinetic and
                   potential (`energy`), linear and angular (`momentum`);
-                - if a load is given, the accelerations a1, alpha1 and psidd (`forward_dynamics`).
+                - if a load is an input, the accelerations a1, alpha1 and psidd (`forward_dynamics`).
 
-                By default, the results of inverse or forward dynamics if `given` holds their inputs, and otherwise
-                all outputs of body 2 that the inputs allow.
+                If `outputs` is not given, the results of inverse or forward dynamics are computed if `given` holds
+                their inputs, and otherwise all outputs of body 2 that the inputs allow.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
@@ -259,10 +261,10 @@ class HingePair(Shown):
 
         Returns:
             A `Prepared` object. A call takes the inputs in the order of `given`; they broadcast against each other.
-            The optional argument `out` is a dict of arrays by output name, into which the results are written. A call
-            returns a `PairState`. Outputs that are not attributes of a PairState are read like items of a dict, such
-            as `state["gap"]`. The attributes `source` and `llvm` of the object are the generated Python code and the
-            generated LLVM code, as text.
+            The optional argument `out` of a call is a dict whose keys are names of outputs and whose values are
+            arrays, into which the results are written. A call returns a `PairState`. Outputs that are not attributes
+            of a PairState are read like items of a dict, such as `state["gap"]`. The attributes `source` and `llvm`
+            of the object are the generated Python code and the generated LLVM code, as text.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an input that is not given; the error names it.
@@ -304,7 +306,7 @@ class HingePair(Shown):
             psidd: second time derivative of psi [rad/s^2]; shape (...,).
             outputs: names of the outputs to compute, as for `forward_kinematics`. By default, all outputs of body 2
                 that the inputs allow.
-            out: dict of arrays by output name, into which the results are written, as for `forward_kinematics`.
+            out: dict of arrays into which the results are written, as for `forward_kinematics`.
             workers: number of threads; -1 for one thread per core.
             backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
@@ -334,8 +336,9 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a
-        dict by output name of arrays (...,): at every sample, one bound that holds for each component of the output.
+        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a dict
+        whose keys are the names of the outputs. Its values are arrays (...,): one bound for each sample, which holds
+        for every component of the output.
 
         The error is the difference from the exact result of the equations for the given inputs, which are taken as
         exact: the coordinates, u1, u2, home, and n before it is scaled to unit length. The bounds are rigorous for
@@ -351,8 +354,8 @@ class HingePair(Shown):
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
-            (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
+            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
+            of the output; shape (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -374,8 +377,8 @@ class HingePair(Shown):
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Compute bounds on the error that rounding can cause in each output of `forward_kinematics_from_body1`.
-        Return a dict by output name of arrays (...,): at every sample, one bound that holds for each component of the
-        output.
+        Return a dict whose keys are the names of the outputs. Its values are arrays (...,): one bound for each
+        sample, which holds for every component of the output.
 
         The error is the difference from the exact result of the equations for the given inputs, which are taken as
         exact. The bounds do not include rounding errors that body1 already contains, for instance from a conversion
@@ -389,8 +392,8 @@ class HingePair(Shown):
             outputs: names of the outputs, as for `forward_kinematics`.
 
         Returns:
-            A dict by output name, such as "R2". Each value is an array of bounds in the unit of the output; shape
-            (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
+            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
+            of the output; shape (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -418,7 +421,8 @@ class HingePair(Shown):
 
         Returns:
             M, a symmetric matrix; shape (..., 7, 7). Its elements are masses [kg], first moments of mass [kg m] and
-            moments of inertia [kg m^2], for accelerations, forces and torques in world axes. torque1 is about R1.
+            moments of inertia [kg m^2]. a1, alpha1, force1 and torque1 are in world axes, force1 acts at R1, and
+            torque1 is about R1.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -458,9 +462,9 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The Forces. Its attributes force1 [N] and torque1 [N m] must act on body 1 at R1; world axes, shape
-            (..., 3). Its attribute hinge_torque [N m] is the torque that body 1 must exert on body 2 about the hinge
-            axis; shape (...,).
+            The Forces. Its attributes force1 [N] and torque1 [N m] are the force at R1 and the torque about R1 that
+            must act on body 1; world axes, shape (..., 3). Its attribute hinge_torque [N m] is the torque that body 1
+            must exert on body 2 about the hinge axis; shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -499,17 +503,17 @@ class HingePair(Shown):
         on both bodies (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass
         properties, or if the mass matrix is singular.
 
-        The arrays broadcast against each other. The number 0 may be given for any force or torque.
+        The arrays broadcast against each other. By default, all forces and torques are 0.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
             psi: hinge angle [rad]; shape (...,).
             psid: time derivative of psi [rad/s]; shape (...,).
             force1: force on body 1 at R1, world axes [N]; shape (..., 3).
-            torque1: torque on body 1, world axes [N m]; shape (..., 3).
-            hinge_torque: torque of body 1 on body 2 about the hinge axis [N m]; shape (...,).
+            torque1: torque on body 1 in addition to that force, world axes [N m]; shape (..., 3).
+            hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]; shape (...,).
             force2: force on body 2 at R2, world axes [N]; shape (..., 3).
-            torque2: torque on body 2, world axes [N m]; shape (..., 3).
+            torque2: torque on body 2 in addition to that force, world axes [N m]; shape (..., 3).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
@@ -558,8 +562,8 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The HingeWrench. Its attributes force [N] and torque [N m], about the hinge point, are in world axes and
-            have shape (..., 3). Two more attributes are the parts of the torque: hinge_torque, the component along
+            The HingeWrench. Its attributes are the force [N] and the torque about the hinge point [N m], in world
+            axes, shape (..., 3). Two more attributes are the parts of the torque: hinge_torque, the component along
             the hinge axis, shape (...,), and bearing_torque, the vector perpendicular to the axis, world axes, shape
             (..., 3).
 
@@ -587,8 +591,8 @@ class HingePair(Shown):
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
-        body 1. If body 1 has no mass properties, the energy is the energy of body 2 alone. Raise ArgumentError if
-        body 2 has no mass properties.
+        body 1. If the pair has no mass properties of body 1, return the energy of body 2 alone. Raise ArgumentError
+        if it has no mass properties of body 2.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -658,9 +662,9 @@ class HingePair(Shown):
         t: ArrayLike | None = None,
     ) -> Residuals:
         """Compute the Residuals of two BodyMotions, which say by how much the motions violate the hinge constraints
-        E1 and E2 and their time derivatives. They are compared with `tolerances`, a dict by name of the residual; the
-        default tolerances cover rounding errors. For Dask arrays, return LazyResiduals. `t` holds the instants of the
-        samples, which the report names.
+        E1 and E2 and their time derivatives. The residuals are compared with `tolerances`, a dict whose keys are
+        names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples, for
+        the report. For Dask arrays, return LazyResiduals.
 
         Args:
             body1: the motion of body 1.
@@ -670,9 +674,10 @@ class HingePair(Shown):
             tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
                 gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The gap
                 is the distance between the hinge points of both bodies. The tilt is the angle between their hinge
-                axes, in [0, pi]. The default tolerance of a residual is 32 u times a scale, which covers rounding
-                errors. u is 2^-53 in double precision, and the report prints the formula of the scale.
-            t: instants of the samples, numbers or datetime64, for the report; broadcasts against the samples.
+                axes, in [0, pi]. A key that is missing has the default tolerance, which covers rounding errors: 32 u
+                times a scale. u is 2^-53 in double precision, and the report prints the formula of the scale.
+            t: instants of the samples, numbers or datetime64; broadcasts against the samples. The report states the
+                instant of the worst sample of each residual.
 
         Returns:
             The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
@@ -857,13 +862,14 @@ class HingePair(Shown):
             u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
             u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
             axis_std: standard deviation of the angle by which the hinge axis is tilted [rad]. It holds for each of
-                two tilts, about two directions perpendicular to n and to each other.
-            home_std: standard deviation of each component of the rotation vector r, body-1 axes [rad], if the actual
-                home is exp(r) @ home: a number, or shape (3,). exp(r) is the rotation matrix of r.
-            covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
-                (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r as for home_std (body-1 axes)
-                [rad]; shape (12, 12), such as `HingeFit.covariance`. Give either
-                a covariance or standard deviations, not both.
+                two tilts, about two directions that are perpendicular to n and to each other.
+            home_std: standard deviation of each component of the rotation vector r by which home deviates, body-1
+                axes [rad]: a number, or shape (3,). The actual home is exp(r) @ home, where exp(r) is the rotation
+                matrix of r.
+            covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of
+                u2 (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r as for home_std (body-1 axes)
+                [rad]; shape (12, 12), such as `HingeFit.covariance`. Give either a covariance or standard deviations,
+                not both.
 
         Returns:
             The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
@@ -873,8 +879,8 @@ class HingePair(Shown):
             and home, and of the axis n.
 
         Raises:
-            ArgumentError: an argument cannot be used, or all standard deviations are 0 and no covariance is given;
-                the error names the argument.
+            ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all
+                standard deviations are 0 and no covariance is given; the error names the argument.
 
         >>> import numpy as np
         >>> import hingepair as hp

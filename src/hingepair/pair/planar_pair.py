@@ -48,17 +48,18 @@ class PlanarPair(Shown):
 
     The pair corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of
     body 1 and body 2 about z, and psi is the hinge angle. S1 and S2 are the rotation matrices (2, 2) of phi and phi2.
-    The values are copied, and the attributes are read-only.
-    `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1 and u2 may have leading axes, which
-    broadcast against the samples: then each sample has a pair of its own.
+    The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
+    another u1. u1 and u2 may have leading axes, which broadcast against the axes of the samples; each sample is then
+    computed with its own values.
 
     Args:
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (2,) or (..., 2).
         u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (2,) or (..., 2).
         name: name of the pair in exports and messages.
-        body1: mass properties and shapes of body 1, a spatial `Body`. Dynamics uses only its mass, its moment of
-            inertia about z, and the x and y of its centre of mass.
-        body2: mass properties and shapes of body 2. Dynamics uses the same properties as for body 1.
+        body1: mass properties and shapes of body 1, a `Body` in three dimensions. Dynamics uses only its mass, its
+            moment of inertia about z, and the x and y coordinates of its centre of mass. Without it, methods that
+            need the mass of body 1 raise an ArgumentError.
+        body2: mass properties and shapes of body 2, as for `body1`.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; the error names the argument.

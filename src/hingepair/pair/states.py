@@ -10,17 +10,17 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 class PairState(Results):
     """The computed outputs of a pair at every sample, in world axes and SI units. The attributes R2, S2, d, v2,
-    omega2, a2 and alpha2 are read-only arrays for body 2; one that was not computed is None.
+    omega2, a2 and alpha2 are read-only arrays for body 2. Outputs that were not computed are None.
 
     The attributes R1, S1, v1, omega1, a1 and alpha1 for body 1 are computed only if the argument `outputs` of the
-    call names them. A state that a function of `HingePair.prepare` returns can have further outputs as attributes,
-    such as `jacobian` or `force1`. The leading axes of all arrays are the axes of the samples. Positions [m],
+    call names them. A state that a `Prepared` object returns can have further outputs as attributes, such as
+    `jacobian` or `force1`. The leading axes of all arrays are the axes of the samples. Positions [m],
     velocities [m/s], accelerations [m/s^2], angular velocities [rad/s] and angular accelerations [rad/s^2] have shape
     (..., 3), and the rotations S1 and S2 (body to world) have shape (..., 3, 3). The type annotations declare every
     attribute as an array, so that a type checker demands no test for None before `state.R2[-1]`.
 
     Attributes:
-        shape: leading shape of the arrays, that is, the shape of the array of samples; () for one state.
+        shape: leading shape of the arrays, as a tuple: one number for each axis of the samples; () for one state.
         outputs: names of the outputs that were computed.
     """
 
@@ -73,7 +73,7 @@ class PairState(Results):
     @property
     def body2(self) -> BodyMotion:
         """The motion of body 2 as a BodyMotion made of the computed outputs. In a chain of pairs, it is the motion of
-        body 1 of the next pair. Raises ArgumentError unless both R2 and S2 were computed.
+        body 1 of the next pair. Reading this property raises ArgumentError unless both R2 and S2 were computed.
 
         Raises:
             ArgumentError: R2 or S2 is not among the outputs.
@@ -90,9 +90,9 @@ class PairState(Results):
 
     @property
     def body1(self) -> BodyMotion:
-        """The motion of body 1 as a BodyMotion made of the computed outputs. Raises ArgumentError unless both R1 and
-        S1 were computed. They are computed only if the argument `outputs` of the call that returned this state names
-        them.
+        """The motion of body 1 as a BodyMotion made of the computed outputs. Reading this property raises
+        ArgumentError unless both R1 and S1 were computed. They are computed only if the argument `outputs` of the
+        call that returned this state names them.
 
         Raises:
             ArgumentError: R1 or S1 is not among the outputs.
@@ -116,14 +116,14 @@ class PairState(Results):
 
 class PlanarState(Results):
     """The computed outputs of a planar pair at every sample, in world axes and SI units. The attributes R2, phi2, d,
-    v2, omega2, a2 and alpha2 are read-only arrays for body 2; an output that was not computed is None.
+    v2, omega2, a2 and alpha2 are read-only arrays for body 2. Outputs that were not computed are None.
 
     The leading axes of all arrays are the axes of the samples. R2 and d = R2 - R1 [m], v2 [m/s] and a2 [m/s^2] have
     shape (..., 2), and phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). The type
     annotations declare every attribute as an array, so that a type checker demands no test for None.
 
     Attributes:
-        shape: leading shape of the arrays, that is, the shape of the array of samples; () for one state.
+        shape: leading shape of the arrays, as a tuple: one number for each axis of the samples; () for one state.
         outputs: names of the outputs that were computed.
     """
 
