@@ -207,8 +207,8 @@ def simulate(
         psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
         psid_0: hinge rate at t[0] [rad/s]. None if `hinge` is a callable.
         hinge: "free" (the default), so that the loads determine the motion of the hinge; or a callable of times (n,)
-            that returns psi, psi' and psi'', each (n,). The attribute `loads` of the result then contains the
-            hinge_torque that this motion needs.
+            that returns psi, psi' and psi'', each (n,). In the second case, the argument hinge_torque must be 0, and
+            the attribute `loads` of the result contains the hinge_torque that this motion needs.
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).

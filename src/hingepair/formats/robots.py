@@ -36,8 +36,9 @@ def load_robot(
         base: "fixed" (default): the base rests, or moves as the argument `base_motion` of the methods prescribes;
             "free": forces move the base.
         locked: dict from names of joints to the positions [rad or m] at which these joints are held, as for
-            `Mechanism.from_urdf`.
-        snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`.
+            `Mechanism.from_urdf`. By default, no joint is locked.
+        snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`. By default, no angle is
+            replaced.
 
     Raises:
         ArgumentError: there is no robot of this name, or there are several robots of this name; or base, locked or

@@ -167,10 +167,10 @@ def integrate(
     - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own. It is for a HingePair only.
 
     Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1
-    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. If the axis N of a rate or
-    of R1 has length 1, it is constant in time in each motion. A callable, or an array without leading axes, applies
-    to all motions. Each motion is integrated as if by a separate call: with the same steps, the same error estimate,
-    and bitwise the same result.
+    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. A rate or R1 whose axis N
+    has length 1 is constant in time in each motion. A callable, or an array without leading axes, applies to all
+    motions. Each motion is integrated as if by a separate call: with the same steps, the same error estimate, and
+    bitwise the same result.
 
     Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
     chunk of motions. Chunks along the time are joined, since a motion is integrated as a whole.

@@ -61,7 +61,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
             point is the mean of the fitted places of all markers.
 
     Returns:
-        The fit, whose `.body` is ready for `fit` and `smooth`.
+        The ClusterFit. Its attribute `.body` is a BodyMotion with R and S, shape (N,), which `fit` and `smooth`
+        accept.
 
     Raises:
         FitError: no sample has three markers, or the markers are on a line. Without `reference`, this error is also

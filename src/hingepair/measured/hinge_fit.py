@@ -313,9 +313,9 @@ def fit(
       component whose magnitude is at least 0.45 times the largest magnitude.
     - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
       body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
-      degrees apart, `home` consists of two rotations: first a half turn about an axis of body 2, then the rotation by
-      the smallest angle that turns the result into n. The half turn is about the x, y or z axis of body
-      2: the first of them for which the component of n with the same letter, in body 1's axes, is below 0.65 in
+      degrees apart, `home` consists of two rotations: first a half turn about the x, y or z axis of body 2, then the
+      rotation by the smallest angle that turns the result of the half turn into n. The axis of the half turn is the
+      first of the three for which the component of n with the same letter, in body 1's axes, is below 0.65 in
       magnitude.
 
     Args:
@@ -335,7 +335,7 @@ def fit(
             the axis.
         t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If given,
             the offset between the clocks of the two recordings is estimated too; it is 0 if the motion does not
-            determine it. This needs SciPy.
+            determine it. The estimate needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
         clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
             time stamp s was taken at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use
@@ -358,6 +358,7 @@ def fit(
         FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer
             than four if body 2 is a point), or the bodies do not turn relative to each other.
         ArgumentError: an argument cannot be used; the error names it.
+        MissingDependencyError: `t` is given, `clock_offset` is not 0, and SciPy is not installed.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -255,8 +255,8 @@ def fit_anchor(
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
-        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
-            [m/s^2]; shape (N, 3).
+        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). It is S1^T
+            (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world axes.
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). Give both n1 and n2 or neither. If they

@@ -80,10 +80,10 @@ def fit_angle(
     accelerometer_bias: float = 0.2,
 ) -> AngleFit:
     """Fit the hinge angle to the records of two inertial sensors, one on each body of a known hinge, and return an
-    AngleFit. Each sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force (`f1_b1`,
-    `f2_b2`). n1 and n2 are the hinge axis in the axes of body 1 and body 2, u1 and u2 the vectors from the sensors to
-    the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without samples over which
-    rates are integrated [s]. Raise FitError if there are too few samples.
+    AngleFit. Each sensor records an angular velocity (`omega1_b1`, `omega2_b2`) and a specific force
+    (`f1_b1`, `f2_b2`). n1 and n2 are the hinge axis in the axes of body 1 and body 2, and u1 and u2 are the vectors
+    from the sensors to the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without
+    samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
     Two vectors are known from both sensors, each in the axes of its own body: the specific force at the hinge point,
     and the part of the angular velocity that is perpendicular to the hinge axis. The hinge angle at an instant
@@ -94,8 +94,8 @@ def fit_angle(
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
-        f1_b1: specific force that accelerometer 1 measures, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes
-            [m/s^2]; shape (N, 3).
+        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). It is S1^T
+            (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world axes.
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes; shape (3,).

@@ -357,10 +357,10 @@ class PlanarPair(Shown):
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             force1: force on body 1 at R1, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque1: torque on body 1 [N m]; shape (...,); 0 by default.
+            torque1: torque on body 1 about the z axis [N m]; shape (...,); 0 by default.
             hinge_torque: torque that body 1 exerts on body 2 about the pin [N m]; shape (...,); 0 by default.
             force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque2: torque on body 2 [N m]; shape (...,); 0 by default.
+            torque2: torque on body 2 about the z axis [N m]; shape (...,); 0 by default.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:

@@ -96,6 +96,7 @@ class Result(Shown):
         values are their units.
 
         Raises:
+            ArgumentError: a trajectory holds many motions or Dask arrays.
             MissingDependencyError: pandas is not installed.
         """
         pandas = import_data_package("pandas", "to_dataframe")

@@ -265,7 +265,7 @@ class EulerKinematics(Frozen):
         J_inverse: shape (..., 3, 3); NaN at gimbal lock as `euler_rates` defines it.
         J_dot: time derivative of J [1/s]; shape (..., 3, 3); None if phid was not given.
         condition: condition number of J in the 2-norm; shape (...,). It is the largest factor by which a relative
-            error of omega grows in phi'; at least 1, and inf at gimbal lock.
+            error of omega grows in phi'. It is at least 1, and very large or inf at gimbal lock.
         lock_distance: distance of the middle angle from the nearest gimbal lock [rad], in [0, pi/2]; shape (...,).
     """
 

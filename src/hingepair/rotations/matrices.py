@@ -164,8 +164,9 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is not a
     rotation.
 
-    The error is at most 6 u times the angle, where u = 2^-53. For a rotation vector `rotvec` shorter than pi,
-    `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error. If S is not finite, the result is NaN.
+    If S is a rotation to within rounding errors, the error is at most 6 u times the angle, where u = 2^-53. For a
+    rotation vector `rotvec` shorter than pi, `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error.
+    If S is not finite, the result is NaN.
 
     Args:
         S: rotation matrices; shape (..., 3, 3).
