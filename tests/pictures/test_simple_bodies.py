@@ -124,7 +124,7 @@ def robot_of(shapes, extra=""):
 def test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body(shapes, sizes, complete):
     drawing = robot_of(shapes).tree.drawings[1]
     assert [tuple(box.size.tolist()) for box in drawing.shapes] == sizes
-    assert drawing.complete == complete
+    assert drawing.is_complete == complete
     kinds = [type(shape) for _, shape in robot_model(robot_of(shapes), "r").bodies[1].shapes]
     assert kinds == ([hp.Box] if complete else [hp.Sphere, hp.Cylinder])
 
@@ -146,7 +146,7 @@ def test_shapes_of_pairs_and_payloads_are_drawn():
     np.testing.assert_array_equal(sphere.center, (1, 0, 0.2))  # from the joint
     assert complete
     loaded = robot_of(MESH.format(tag="visual")).with_payload("arm", ball)
-    assert not loaded.tree.drawings[1].complete
+    assert not loaded.tree.drawings[1].is_complete
     first, *others = (shape for _, shape in robot_model(loaded, "r").bodies[1].shapes)
     assert (first.radius, first.center.tolist()) == (0.1, [0, 0, 0.2])
     assert len(others) > 1

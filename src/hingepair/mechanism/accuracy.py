@@ -28,7 +28,7 @@ def error_bounds(
     """
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
-    components = [c for name in values.parts for c in _as_tuple(values.parts[name])]
+    components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
     kind = kind_of(result_dtype(components))
     frame_count = len(request.frames)
 
@@ -51,7 +51,9 @@ def error_bounds(
         if name != "constants"
     }
     bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUTS else () for name in request.outputs}
-    return tabulate(block_bounds, groups, bound_shapes, broadcast_shape(values.shapes), np.dtype(np.float64))
+    return tabulate(
+        block_bounds, groups, bound_shapes, broadcast_shape(values.shape_by_argument), np.dtype(np.float64)
+    )
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:

@@ -47,17 +47,18 @@ ZERO_BASE_LOAD_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
 
 
 class InputValues(NamedTuple):
-    """Checked arguments of a robot's method: values by input name (`parts`) in the form that generated programs take,
-    the shapes of their samples by argument name, and the array library, None for NumPy.
+    """Checked arguments of a robot's method: a dict of the values by input name in the form that generated programs
+    take, a dict of the shapes of their samples by argument name, and the array library, None for NumPy.
 
     Attributes:
-        parts: values by input name: arrays with the components last, or tuples of components (numbers or arrays).
-        shapes: shape of the samples, by the argument's name.
+        value_by_input: values by input name: arrays with the components last, or tuples of components (numbers or
+            arrays).
+        shape_by_argument: shape of the samples, by the argument's name.
         library: library of the arrays; None for NumPy arrays and numbers.
     """
 
-    parts: dict[str, Any]
-    shapes: dict[str, tuple[int, ...]]
+    value_by_input: dict[str, Any]
+    shape_by_argument: dict[str, tuple[int, ...]]
     library: Library | None
 
 

@@ -118,8 +118,10 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
-    shapes, complete = drawings[frame.body]
-    drawings[frame.body] = BodyDrawing((*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), complete)
+    shapes, is_complete = drawings[frame.body]
+    drawings[frame.body] = BodyDrawing(
+        (*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), is_complete
+    )
     tree = replace(tree, notes=notes, drawings=tuple(drawings))
     if frame.body == 0:
         return replace(tree, base=total)

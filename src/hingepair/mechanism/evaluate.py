@@ -98,7 +98,10 @@ class RobotComputation:
             "gravity": gravity,
             "constants": self.parameters,
         }
-        return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
+        return {
+            name: values.value_by_input[name] if name in values.value_by_input else assumed[name]
+            for name in self.inputs
+        }
 
     def call(
         self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
@@ -148,11 +151,13 @@ class RobotComputation:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         check_out_names(out, self.request.outputs)
-        call = self.call(tuple(values.parts), gravity, execution.backend, check_attitude)
+        call = self.call(tuple(values.value_by_input), gravity, execution.backend, check_attitude)
         if values.library is not None:
-            return call.run_foreign(values.parts, values.shapes, values.library, out, execution.workers)
+            return call.run_foreign(
+                values.value_by_input, values.shape_by_argument, values.library, out, execution.workers
+            )
         try:
-            return call.run(values.parts, values.shapes, out, execution.workers)
+            return call.run(values.value_by_input, values.shape_by_argument, out, execution.workers)
         except ArgumentError as error:
             if self.result is not None or error.name != f"out[{call.outputs[0]!r}]":
                 raise

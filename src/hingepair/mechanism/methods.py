@@ -50,7 +50,7 @@ _RESULT_CLASS_BY_OUTPUT: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
-_PREPARABLE_ARRAY_OUTPUTS: Final = (
+_PREPARABLE_BARE_ARRAY_OUTPUTS: Final = (
     "jacobian",
     "acceleration_bias",
     "mass_matrix",
@@ -59,7 +59,7 @@ _PREPARABLE_ARRAY_OUTPUTS: Final = (
 )
 """Outputs of methods that return a bare array, which `prepare` takes too."""
 _BARE_ARRAY_OUTPUTS: Final = (
-    *_PREPARABLE_ARRAY_OUTPUTS,
+    *_PREPARABLE_BARE_ARRAY_OUTPUTS,
     "centre_of_mass",
     "centre_of_mass_jacobian",
     "centre_of_mass_bias",
@@ -789,7 +789,7 @@ class MechanismMethods(Shown):
         computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
-        return computation.count_operations(values.parts)
+        return computation.count_operations(values.value_by_input)
 
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
@@ -819,7 +819,7 @@ class MechanismMethods(Shown):
                 (
                     *FRAME_MOTION_OUTPUTS,
                     *accepted_names,
-                    *(() if isinstance(given, str) else _PREPARABLE_ARRAY_OUTPUTS),
+                    *(() if isinstance(given, str) else _PREPARABLE_BARE_ARRAY_OUTPUTS),
                 ),
                 default_names,
             )

@@ -12,16 +12,17 @@ from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
-    """Drawing of a body: `shapes`, a tuple of boxes, cylinders and spheres, and `complete`, whether they show all of
-    the body.
+    """Drawing of a body of a robot: `shapes`, a tuple of Boxes, Cylinders and Spheres in the axes of the body, and
+    `is_complete`, True if these shapes show the whole body. A drawing without shapes, or of a body that a URDF draws
+    by meshes, is not complete.
 
     Attributes:
         shapes: shapes in the axes of the body, from its reference point.
-        complete: whether the shapes show all of the body; False if there are none, or if a URDF has meshes.
+        is_complete: whether the shapes show all of the body; False if there are none, or if a URDF has meshes.
     """
 
     shapes: tuple[Shape, ...] = ()
-    complete: bool = False
+    is_complete: bool = False
 
 
 def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:

@@ -133,7 +133,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
             colours[number] = _lighten(_JOINT_CHAIN_COLOURS[place % len(_JOINT_CHAIN_COLOURS)], 0.4 * (along % 2))
     names = ["base", *(joint.name for joint in tree.joints)]
     bodies = [
-        DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.complete else simple))
+        DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.is_complete else simple))
         for name, colour, drawing, simple in zip(
             names, colours, tree.drawings, simple_bodies(tree, size), strict=True
         )

@@ -201,7 +201,7 @@ class _PayloadForceProgram:
         self._problem = RobotComputation(self._with_payload_parameters(constants), tuple(outputs), free, (), (), kind)
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
         self._values = read_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
-        arguments = (*self._values.parts, "constants")
+        arguments = (*self._values.value_by_input, "constants")
         self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
@@ -227,8 +227,8 @@ class _PayloadForceProgram:
                 total = total + mass_moments[k] * slope
             numbers[:, column] = total.high
         constants = np.ascontiguousarray(numbers[:, None, self._parameters] + 0.0)
-        shapes = {**self._values.shapes, "payload": constants.shape[:-1]}
-        forces: MechanismForces = self._call.run({**self._values.parts, "constants": constants}, shapes)
+        shapes = {**self._values.shape_by_argument, "payload": constants.shape[:-1]}
+        forces: MechanismForces = self._call.run({**self._values.value_by_input, "constants": constants}, shapes)
         return forces
 
 

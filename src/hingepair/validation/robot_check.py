@@ -93,10 +93,10 @@ class _RobotSamples:
     ) -> None:
         needed = tuple(MOTION_ATTRIBUTE_BY_BASE_INPUT)[: 2 * len(coordinates)]
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
-        self.shape = broadcast_shape(values.shapes)
+        self.shape = broadcast_shape(values.shape_by_argument)
         parts = {
             name: np.asarray(getattr(RESTING_BASE_MOTION, MOTION_ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
-        } | values.parts
+        } | values.value_by_input
         flat = {
             name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
         }
@@ -107,7 +107,7 @@ class _RobotSamples:
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
         self.base = BodyMotion(**{MOTION_ATTRIBUTE_BY_BASE_INPUT[name]: flat[name] for name in needed})
-        leaves = [part for name, part in values.parts.items() if name in coordinates]
+        leaves = [part for name, part in values.value_by_input.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)
 
