@@ -74,9 +74,9 @@ def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, .
 
 
 def _largest_bounds(components: Any, frame_count: int) -> Any:
-    """Return the largest error bound of an output's components; numbers without a bound count as exact. If
-    `frame_count` is not 0, return a tuple with the largest bound of each frame; the components of a frame are
-    consecutive.
+    """Return the largest error bound of an output's components, a number or an array of samples; numbers without a
+    bound count as exact. If `frame_count` is not 0, return a tuple with the largest bound of each frame; the
+    components of a frame are consecutive.
     """
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
     if not frame_count:

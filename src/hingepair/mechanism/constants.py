@@ -236,8 +236,8 @@ class _MassMoments:
 
 
 def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Compute the exact moments of a body in the program's axes, from its MassProperties in its own axes. `axes` is
-    the rotation matrix from the program's axes to its own axes.
+    """Return the exact `_MassMoments` of a body in the program's axes, from its MassProperties in its own axes.
+    `axes` is the rotation matrix from the program's axes to its own axes.
     """
     c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
     m = Fraction(body.mass)
@@ -249,7 +249,7 @@ def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMo
 
 
 def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
-    """Compute the exact moments of every body of a Tree in the program's axes, in a list with the base first; the
+    """Return a list of the exact `_MassMoments` of every body of a Tree in the program's axes, the base first; the
     moments of the base are 0 unless it is `free`. `axes` holds, for each body, the rotation from the program's axes
     to its own.
     """
@@ -259,8 +259,8 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Compute the exact moments of a payload in the program's axes, from its ten mass properties (mass, first and
-    second moment) in a frame. R and S are the position and rotation of this frame in the body's axes.
+    """Return the exact `_MassMoments` of a payload in the program's axes, from its ten mass properties (mass, first
+    and second moment) in a frame. R and S are the position and rotation of this frame in the body's axes.
     """
     m, h = properties[0], _matrix_times_vector(S, properties[1:4])
     xx, xy, xz, yy, yz, zz = properties[4:]
@@ -275,9 +275,9 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 def _shift_to_parents(
     tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Move those parts of each body's moments that do not depend on the position of its joint to the parent body
-    (T9). The list `moments` is changed in place and returned. `axes` holds, for each body, the rotation from the
-    program's axes to its own.
+    """Move the components of each body's moments that do not depend on the position of its joint to the parent body
+    (T9). The list `moments` of `_MassMoments` is changed in place and returned. `axes` holds, for each body, the
+    rotation from the program's axes to its own.
     """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]

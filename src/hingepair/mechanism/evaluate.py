@@ -90,7 +90,7 @@ class RobotComputation:
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return a dict of all inputs of the program by name: the checked `values`, the `gravity` vector [m/s^2], and
-        for the others those of a base at rest and of no loads.
+        for the others the values of a base at rest without loads.
         """
         assumed = {
             **RESTING_BASE_VALUE_BY_INPUT,
@@ -106,8 +106,9 @@ class RobotComputation:
     def call(
         self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
     ) -> Call:
-        """Return the Call for arguments of these names, which is made at its first use and cached; `gravity` [m/s^2]
-        is a constant in it. With `check_attitude`, the call raises an error for an S1 that is not a rotation.
+        """Return the Call for arguments of these names, which is made at its first use and cached; `gravity`
+        [m/s^2] is a constant in it. With `check_attitude`, the call raises a RotationError for an S1 that is
+        not a rotation.
         """
         key = argument_names, gravity, backend, check_attitude
         call = self._calls.get(key)

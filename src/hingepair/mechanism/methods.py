@@ -1000,8 +1000,9 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         labelled_loads: Mapping[str, tuple[Any, str]],
     ) -> Any:
-        """Return the outputs of a computation for arguments with Dask arrays as lazy Dask arrays, which are computed
-        later, chunk by chunk. The arguments are as for `_run`; an `out` that is not None raises an error.
+        """Return the outputs of a computation for arguments with Dask arrays as lazy Dask arrays, which are
+        computed later, chunk by chunk. The arguments are as for `_run`. Raise an ArgumentError for an `out`
+        that is not None.
         """
         tails = {
             **dict.fromkeys(coordinates, (computation.form.dof,)),

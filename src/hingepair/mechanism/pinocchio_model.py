@@ -33,8 +33,8 @@ _PINOCCHIO_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pi
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return the kind of the base of a Pinocchio model ("free" with a free-flyer, else "fixed"), and a list of its
-    joints as parts, the base first. Warn if the gravity of the model is not the default. Raise an ArgumentError for a
-    joint that is not a hinge, a slider or a mimic joint.
+    joints as JointParts, the base first. Issue a DynamicsWarning if the gravity of the model is not the default.
+    Raise an ArgumentError for a joint that is not a hinge, a slider or a mimic joint.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -190,7 +190,8 @@ def _unit_axis(motion: Float64Array) -> Float64Array:
 
 
 class _BodyContents:
-    """Links, further frames and mass properties of the body of each joint in a Pinocchio model.
+    """Links, further frames and mass properties of the body of each joint in a Pinocchio model, which `content`
+    returns as keyword arguments of `JointPart`.
 
     Args:
         model: of Pinocchio.

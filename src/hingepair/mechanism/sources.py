@@ -33,8 +33,8 @@ BASE_LINK_NAME = "base"
 
 def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
     """Convert a RobotRecord that was read from URDF to a list of JointParts: the base, then the joints depth-first by
-    name. Warn of a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for links and
-    joints that do not form a tree of hinges and sliders.
+    name. Issue a UserWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for
+    links and joints that do not form a tree of hinges and sliders.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names

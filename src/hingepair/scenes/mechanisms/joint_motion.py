@@ -111,8 +111,8 @@ class JointMotionSource(Protocol):
         """Order of the highest derivative that there is: 0, 1 or 2."""
 
     def part(self, rows: Rows, order: int, /) -> Derivatives:
-        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
-        or float per joint.
+        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
+        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
         """
 
 
@@ -135,8 +135,8 @@ class JointFunctions:
     level: int = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
-        or float per joint.
+        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
+        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
         """
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
         derivatives = []
@@ -164,8 +164,8 @@ class JointSamples:
         return len(self.derivatives) - 1
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]) up to `order` at the instants with the indices `rows`, each a tuple with one array
-        or float per joint.
+        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
+        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
         """
         return tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
