@@ -37,10 +37,9 @@ _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
 _ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
 _MAX_FIXED_POINT_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
 _MIN_STIFFNESS_FOR_NEWTON = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
-_PSI_AND_PSID_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
 _MAX_SIMULTANEOUS_EVENTS = 8  # events at one instant; if more follow each other, the last is ignored
-# Of the usual length: in a shorter step the derivative jumps, and no step is better.
-_MIN_STEP_LENGTH_TO_RECENT_LENGTH = 1e-12
+# Of the length of recent steps: in a step of at most this length the derivative jumps, and no step is better.
+_MAX_JUMP_STEP_LENGTH_TO_RECENT_LENGTH = 1e-12
 
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
 RELATIVE_NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
@@ -87,8 +86,8 @@ _RELATIVE_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack(
     [0.0, (RELATIVE_NODE_TIMES[1:] + RELATIVE_NODE_TIMES[:-1]) / 2, 1.0]
 )
 """Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
-_RELATIVE_NODE_GAPS: Final[Array] = np.diff(RELATIVE_NODE_TIMES, prepend=0.0, append=1.0)[:, None]
-"""Distances of neighbouring nodes and ends around each check time; shape (9, 1)."""
+_RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES: Final[Array] = np.diff(RELATIVE_NODE_TIMES, prepend=0.0, append=1.0)[:, None]
+"""Distances between the neighbouring nodes or ends around each check time; shape (9, 1)."""
 _RESIDUAL_INTEGRATION_MATRIX, _RESIDUAL_INTERPOLATION_MATRIX = (
     integration_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
     interpolation_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
@@ -395,7 +394,8 @@ class Stepper:
         """Return two arrays (m,): the derivatives of psi'' with respect to psi and to psi' at m times and states, (m,
         k), by forward differences.
         """
-        increments = _PSI_AND_PSID_DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
+        # 1.5e-8 is the square root of the spacing of doubles at 1, which balances truncation and rounding errors.
+        increments = 1.5e-8 * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
         shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
         shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
@@ -455,7 +455,7 @@ class Stepper:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
             step up to which no check does; 0 elsewhere.
         """
-        jumps = length <= max(_MIN_STEP_LENGTH_TO_RECENT_LENGTH * self._recent_step_length, shortest_length)
+        jumps = length <= max(_MAX_JUMP_STEP_LENGTH_TO_RECENT_LENGTH * self._recent_step_length, shortest_length)
         sizes = self._error_sizes(length if jumps else max(length, self._recent_step_length))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
         tails = np.abs(
@@ -468,7 +468,7 @@ class Stepper:
             return error, 0.0
         times, gaps, to_states, to_rates = (
             _RELATIVE_RESIDUAL_CHECK_TIMES,
-            _RELATIVE_NODE_GAPS,
+            _RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES,
             _RESIDUAL_INTEGRATION_MATRIX,
             _RESIDUAL_INTERPOLATION_MATRIX,
         )
@@ -476,7 +476,7 @@ class Stepper:
             times, order = np.unique(np.hstack([_RELATIVE_RESIDUAL_CHECK_TIMES, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
             is_check_time = order < len(_RELATIVE_RESIDUAL_CHECK_TIMES)
-            gaps[is_check_time] = _RELATIVE_NODE_GAPS[order[is_check_time]]
+            gaps[is_check_time] = _RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES[order[is_check_time]]
             to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
         residuals = (np.abs(self._damp_stiff_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(

@@ -16,7 +16,7 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_MIN_RELATIVE_RATE_CHANGE_BY_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
+_MIN_RELATIVE_HINGE_RATE_CHANGE_BY_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
 _INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
@@ -219,9 +219,9 @@ def _impact_work(
         end_state = (
             initial_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
         )
-        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_RELATIVE_RATE_CHANGE_BY_IMPACT * (
-            1 + abs(end_state[column])
-        ):
+        rate = end_state[column]
+        rate_change = abs(next_step.polynomial.state[column] - rate)
+        if rate_change <= _MIN_RELATIVE_HINGE_RATE_CHANGE_BY_IMPACT * (1 + abs(rate)):
             continue
         states = np.stack([end_state, next_step.polynomial.state])
         samples: Any = _sample_within_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])

@@ -28,8 +28,8 @@ _RELATIVE_STATE_DIFFERENCE_STEP: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
 _MIN_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
 _MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
-_MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION = 0.3  # rad: largest change of an angle in one of them
-_EQUILIBRIUM_ANGLE_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
+_MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
+_EQUILIBRIUM_ANGLE_TOLERANCE_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
 _STATE_COMPONENT_NAMES: Final = (
@@ -239,13 +239,13 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
             0
         ]
         size = float(np.abs(change).max())
-        if size <= _EQUILIBRIUM_ANGLE_TOLERANCE and np.abs(residual).max() <= 1e-9 * max(
+        if size <= _EQUILIBRIUM_ANGLE_TOLERANCE_RAD and np.abs(residual).max() <= 1e-9 * max(
             1.0, float(np.abs(derivatives[rate_indices]).max())
         ):
             return state
         if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
             change, size = torques, float(np.abs(torques).max())
         state = state.copy()
-        state[coordinates] += change * min(1.0, _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION / size)
+        state[coordinates] += change * min(1.0, _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION_RAD / size)
         state = motion.restart_attitude(state)
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")

@@ -66,10 +66,10 @@ _ATTITUDE_PLAN_STEPS_BY_PLANARITY = {
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_ANGULAR_VELOCITY_PLAN_STEP = Step(
+_OMEGA1_FROM_MOMENTUM_PLAN_STEP = Step(
     "omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid")
 )
-_MOMENTUM_RATE_PLAN_STEPS_BY_BASE = {
+_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
         Step(
@@ -429,7 +429,7 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
             attitude,
             *hinge[:attitude_count],
             *inertia_steps(base),
-            _ANGULAR_VELOCITY_PLAN_STEP,
+            _OMEGA1_FROM_MOMENTUM_PLAN_STEP,
             rate,
         ]
     steps = forward_dynamics_steps((*body1_steps, *hinge), base)
@@ -437,7 +437,7 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
         steps = (
             *steps,
             *_STATE_RATE_PLAN_STEPS[:1],
-            *_MOMENTUM_RATE_PLAN_STEPS_BY_BASE[base],
+            *_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE[base],
             *_STATE_RATE_PLAN_STEPS[1:],
         )
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)

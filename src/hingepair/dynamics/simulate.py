@@ -38,10 +38,12 @@ SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 _ALLOWED_STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 # A start in the plane, in messages.
 _PLANAR_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
-_MIN_REPORTED_STOP_OVERRUN_ANGLE = 0.02  # rad past a stop, from which on a warning or a note reports it
-_REFERENCE_RUN_TOLERANCE_RATIO = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
-_MIN_LOAD_EVALUATIONS_PER_MOTION: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
-_REFERENCE_RUN_LOAD_EVALUATION_RATIO: Final = 4.3  # of these evaluations: those of the second run
+_MIN_REPORTED_STOP_OVERRUN_RAD = 0.02  # rad past a stop, from which on a warning or a note reports it
+# Tolerance of the second run, from which errors are estimated, divided by the tolerance of the first.
+_REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
+# Instants of a whole motion at which loads that are callables are evaluated in the first run, at least.
+_MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION: Final = 509 * 17
+_REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO: Final = 4.3  # the same number of the second run, divided by the above
 _TRIAL_STEPS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
 _MAX_REMAINING_TRIAL_STEPS = 1e6  # trial steps; a motion that needs more, by its progress so far, is refused
 
@@ -288,7 +290,7 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
 
     def run_simulation(
-        tolerance: float, min_load_evaluations: float, until: UserEvent | None
+        tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
         """Run the stepper with a tolerance and a least number of load evaluations. Return a tuple: PairMotion, first
         state, StepRecords, MotionSamples at the instants, and whether the event `until` (a callable or None) ended
@@ -298,7 +300,7 @@ def simulate(
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
             steps, end_time = _run_steps(
-                motion, instants, _RunOptions(tolerance, min_load_evaluations, break_instants, until)
+                motion, instants, _RunOptions(tolerance, min_callable_load_evaluations, break_instants, until)
             )
         sampled = instants
         if end_time is not None:
@@ -307,7 +309,7 @@ def simulate(
         return motion, first_state, steps, samples, end_time is not None
 
     motion, first_state, steps, samples, ended_by_event = run_simulation(
-        tolerance, _MIN_LOAD_EVALUATIONS_PER_MOTION, until
+        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION, until
     )
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
@@ -317,10 +319,12 @@ def simulate(
     if overrun := describe_stop_overrun(stops, float(lowest), float(highest)):
         warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     instants = samples.t
-    reference_tolerance = max(tolerance * _REFERENCE_RUN_TOLERANCE_RATIO, 1e-15)
+    reference_tolerance = max(tolerance * _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO, 1e-15)
     reference = functools.cache(
         lambda: run_simulation(
-            reference_tolerance, _MIN_LOAD_EVALUATIONS_PER_MOTION * _REFERENCE_RUN_LOAD_EVALUATION_RATIO, None
+            reference_tolerance,
+            _MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION * _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO,
+            None,
         )[3]
     )
     now = samples.motion
@@ -467,7 +471,7 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
     depth = max(stops[0] - lowest, highest - stops[1])
     return (
         f"psi passes the stops by {depth:.3g} rad, for they are springs"
-        if depth > _MIN_REPORTED_STOP_OVERRUN_ANGLE
+        if depth > _MIN_REPORTED_STOP_OVERRUN_RAD
         else ""
     )
 
@@ -478,7 +482,7 @@ class _RunOptions(NamedTuple):
     """
 
     tol: float  # largest error of a step [rad]
-    min_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
+    min_callable_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
     breaks: Array  # instants at which loads jump, increasing [s]
     until: UserEvent | None  # the user's event
 
@@ -504,7 +508,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
         motion.psi_index,
         options.tol,
         motion.first_step_length(start, span),
-        span / options.min_load_evaluations if checked else np.inf,
+        span / options.min_callable_load_evaluations if checked else np.inf,
         elapsed if checked else np.empty(0),
     )
     records, last_trials, last_t = list[StepRecord](), 0, 0.0
