@@ -104,7 +104,9 @@ _EVENT_SAMPLES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.asarray(
 
 
 class TooStiffError(Exception):
-    """Error that even the shortest possible step is too long for the tolerance; `t` is the start of that step [s]."""
+    """Error that even the shortest possible step is too long for the tolerance. Its attribute `t` is the start of
+    that step [s].
+    """
 
     def __init__(self, t: float) -> None:
         super().__init__(t)
@@ -114,7 +116,7 @@ class TooStiffError(Exception):
 @dataclass(frozen=True, slots=True)
 class StepPolynomial:
     """Polynomial in time of the state over one step: first instant and length of the step [s], state at its start,
-    (k,), and derivatives (`rates`) at its nodes, (8, k).
+    (k,), and derivatives (`rates`) at its nodes, (8, k). Its method `states_at` evaluates it.
     """
 
     start: float  # first instant of the step [s]
@@ -134,7 +136,7 @@ class Events(Protocol):
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return two arrays for instants t and states: the distances from each event, (m, e), positive until the
-        event happens, and the sizes (e,) that scale the rounding of the distances.
+        event happens, and the sizes (e,) that scale the rounding errors of the distances.
 
         Returns:
             Distances, positive until the event happens, shape (m, e); and sizes, shape (e,).
@@ -245,8 +247,8 @@ class Stepper:
             self._pending_event = None
 
     def set_state(self, state: Array) -> None:
-        """Replace the present state by another one, after an event or for coordinates that begin anew at every step.
-        The rounding residues of changed components become 0.
+        """Replace the present state by `state`, after an event or for coordinates that begin anew at every step. The
+        stored rounding residues of changed components become 0.
         """
         self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
@@ -261,8 +263,8 @@ class Stepper:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return an array of the additional times, from 0 to 1 in a step of this length [s], at which the residual is
-        checked for loads that are callables.
+        """Return an array of additional times, relative to a step of this length [s] (0 to 1), at which the residual
+        and the distances from events are checked for loads and events that are callables.
         """
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
@@ -271,13 +273,10 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return (share of the step, 0 to 1, after which the first event happens, index of the event); None if no
-        event happens in the step. `node_rates` are the derivatives at the nodes, `time_margin` [s] allows for
-        rounding, and `extra_times` are further times from 0 to 1 at which distances are checked. An event at
-        `expected_event`, an index or None, counts at the end of the step if only rounding keeps it from happening
-        there.
-
-        An expected event happens at the end of the step if only rounding may keep it from happening there.
+        """Return a tuple of the share of the step, 0 to 1, after which the first event happens, and the index of the
+        event; None if no event happens in the step. `node_rates` are the derivatives at the nodes, `time_margin` [s]
+        allows for rounding, and `extra_times` are further times from 0 to 1 at which distances are checked. The event
+        of the index `expected_event` counts at the end of the step if only rounding keeps it from happening there.
         """
         if self.events is None:
             return None
@@ -310,15 +309,15 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add a change, (k,), to the present state by compensated summation, in place; keep the rounding residue."""
+        """Add a change, (k,), to the present state by compensated summation, in place; store the rounding residue."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
         self.state = state
 
     def _node_rates(self, length: float) -> Array | None:
-        """Compute the derivatives of the state at the nodes of a step of this length [s], an array (8, k). Return
-        None if no iteration converges. Newton's method is used if fixed-point iteration fails.
+        """Compute the derivatives of the state at the nodes of a step of this length [s]; return an array (8, k), or
+        None if no iteration converges. Newton's method is used if psi'' is stiff or fixed-point iteration fails.
         """
         if self._stiffness(length) < _MIN_STIFFNESS_FOR_NEWTON:
             self._hinge_derivatives = None
@@ -331,8 +330,8 @@ class Stepper:
         return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return the stiffness of psi'' in psi and psi' over a step of this length, without unit; 0 if it is not
-        known.
+        """Return the stiffness of psi'' in psi and psi' over a step of this length [s], a number without unit. Return
+        0 if the stiffness is not known.
         """
         if self._hinge_derivatives is None:
             return 0.0
@@ -425,9 +424,9 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes, (8, k), from the polynomial of the last step, evaluated at the
-        instants `times` of the nodes; for a much longer step, all rows are its value at the end. Return zeros for the
-        first step.
+        """Predict the derivatives at the nodes from the polynomial of the last step, evaluated at the instants
+        `times` of the nodes; return an array (8, k). For a much longer step, all rows are the value of the polynomial
+        at its end. Return zeros for the first step.
         """
         last_step = self._last_step
         if last_step is None:
@@ -439,8 +438,8 @@ class Stepper:
         )
 
     def _error_sizes(self, length: float) -> Array:
-        """Return an array (k,) of the scales of errors for a step of this length: those of velocities and momenta are
-        divided by the length.
+        """Return an array (k,) of the scales of errors for a step of this length [s]. The scales of velocities and
+        momenta are divided by the length.
         """
         return np.where(self.rate_mask, self.sizes / length, self.sizes)
 
@@ -449,7 +448,7 @@ class Stepper:
     ) -> tuple[float, float]:
         """Return (error, share): an estimate of the error of the polynomial between the nodes, in units of the
         tolerance, and the share of the step that could be kept. The share is 0 unless only checks at `extra_times`
-        (from 0 to 1) find an error above 1. Steps up to `shortest_length` count as steps across a jump.
+        (from 0 to 1) find an error above 1. Steps of at most `shortest_length` [s] count as steps across a jump.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
@@ -492,10 +491,10 @@ class Stepper:
 def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
-    """Return two relative times (0 to 1) between which a distance first falls below -margin; None if it does not.
-    `distances` are its values at `times`, and `distance_at` is the function that computes it. Between `times` the
-    crossing is searched where the polynomial through `sampled_distances`, the values at _RELATIVE_EVENT_SAMPLE_TIMES,
-    is negative.
+    """Return a tuple of two relative times (0 to 1) between which a distance first falls below -margin, or None if it
+    does not. `distances` are its values at `times`, and `distance_at` is the function that computes it. Between
+    `times`, the crossing is searched where the polynomial through `sampled_distances`, the values at
+    _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
@@ -518,9 +517,9 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Return the first relative time between `start` and `end` at which a distance is below -margin, by bisection.
-    The function `distance_at` computes the distance at an array of times. At `end` the distance must be below
-    -margin.
+    """Return the first relative time between `start` and `end` at which a distance is below -margin, by repeated
+    division of the interval. The function `distance_at` computes the distance at an array of times. At `end` the
+    distance must be below -margin.
     """
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)

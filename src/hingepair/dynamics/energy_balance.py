@@ -72,8 +72,8 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """Callable that returns an `EnergyBalance`, computed at the first call and then kept; a copy or
-    a pickle computes the balance first.
+    """Callable that returns an `EnergyBalance`, which is computed at the first call and then kept. A copy or a pickle
+    computes the balance first.
     """
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
@@ -99,8 +99,8 @@ def energy_balance(
     samples: MotionSamples,
 ) -> EnergyBalance:
     """Compute the `EnergyBalance` of a simulated motion at the instants t: the work of each load by quadrature over
-    its `steps` (StepRecords), and the energies from its `samples` at the instants. `initial_state` is the state
-    vector before the first event.
+    `steps`, a sequence of StepRecords, and the energies from the MotionSamples `samples` at the instants.
+    `initial_state` is the state vector before the first event.
 
     Args:
         motion: the equations of the motion.

@@ -42,8 +42,8 @@ _RELATIVE_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
 
 class HingeEvents:
     """Events of a hinge: computes the distances from the next events, and applies an event to the state and to the
-    motion, a PairMotion of which it sets the torque branch `side` and `held`. The user's event, a callable or None,
-    is one of them.
+    motion, a PairMotion of which it sets the torque branch `side` and `held`, at construction too. The user's event,
+    a callable or None, is one of them; an ArgumentError is raised if its `direction` is invalid.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -81,8 +81,8 @@ class HingeEvents:
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return two arrays for instants t, counted from the start, and states: the distances from each event, (m,
-        e), and the sizes (e,) that scale the rounding of the distances. Store the names of the events, and the sign
-        and the size of the user's value.
+        e), and the sizes (e,) that scale the rounding errors of the distances. Store the names of the events, and the
+        sign and the size of the values of the user's event.
         """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
@@ -155,8 +155,8 @@ class HingeEvents:
         return bool(self._direction * self._sign <= 0)
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
-        """Return whether the motion ends because an impact, or friction that stops the hinge, leaves the user's value
-        at exactly 0 in this state. If the value is 0, set its stored sign to unknown, which is 0.
+        """Return whether the motion ends because an impact, or friction that stops the hinge, leaves the value of the
+        user's event at exactly 0 in this state. If the value is 0, set its stored sign to 0, which means unknown.
 
         From there the value may stay 0 or turn back, so that it might never pass 0.
         """
@@ -170,8 +170,8 @@ class HingeEvents:
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Return the values of the user's event at instants and states as an array (m,). Raise an error if the event
-        does not return one number for each instant.
+        """Return the values of the user's event at instants and states as an array (m,). Raise a DtypeError or a
+        ShapeError if the event does not return one number for each instant.
         """
         result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
@@ -183,8 +183,8 @@ class HingeEvents:
         return np.array(values, np.float64)
 
     def _update_torque_branch(self) -> None:
-        """Set the `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque. It is
-        computed from the stored numbers of the present intervals of angle and rate between kinks.
+        """Set the `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque, from the
+        stored numbers of the present intervals of angle and rate between kinks.
         """
         held = self._motion.held
         self._motion.side = (
@@ -203,7 +203,7 @@ class HingeEvents:
 
     def _hold(self, t: float, state: Array) -> None:
         """Hold the hinge of the motion, whose rate in `state` is 0, and store the limits of the holding torque:
-        friction, or infinity where a rigid stop supports the hinge. Release the hinge if the torque that it needs
+        friction, or infinity where a rigid stop supports the hinge. Release the hinge if the torque that holds it
         exceeds a limit.
         """
         psi = float(state[self._motion.psi_index])
@@ -224,9 +224,9 @@ class HingeEvents:
         return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Reverse the hinge rate in `state`, in place, at the rigid stop at the angle `stop` [rad], and multiply it
-        by the stop's restitution. `side` is 1 if this is the upper stop, -1 if it is the lower one. Hold the hinge at
-        the stop, with rate 0, if it would rebound by less than the tolerance allows.
+        """Set the hinge angle in `state` to the angle `stop` [rad] of a rigid stop, reverse the hinge rate and
+        multiply it by the stop's restitution, in place. `side` is 1 if this is the upper stop, -1 if it is the lower
+        one. Hold the hinge at the stop, with rate 0, if it would rebound by less than the tolerance allows.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
@@ -247,8 +247,8 @@ class HingeEvents:
 
 
 def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:
-    """Return a number inside the interval between the kinks `interval_index` and `interval_index` + 1; either kink,
-    or both, may be infinite.
+    """Return a number inside the interval of `kinks` from index `interval_index` to `interval_index` + 1; either
+    kink, or both, may be infinite.
     """
     lower, upper = kinks[interval_index : interval_index + 2]
     if lower == -np.inf:

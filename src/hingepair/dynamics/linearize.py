@@ -206,7 +206,7 @@ def linearize(
 def _state_derivatives(
     motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return two arrays: derivatives of the state's rates with respect to the components of the state with these
+    """Return two arrays: the derivatives of the state's rates with respect to the components of the state with these
     indices, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
     """
     steps = (_RELATIVE_STATE_DIFFERENCE_STEP * motion.sizes)[component_indices]

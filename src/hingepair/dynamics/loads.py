@@ -47,7 +47,8 @@ class MotionAtInstants(NamedTuple):
 
 
 class Loads:
-    """Checked loads on a pair, constants and callables, which can be evaluated at any instants.
+    """Checked loads on a pair, constants and callables, whose methods evaluate them at any instants. Raise an
+    ArgumentError at construction if a constant or the arguments of a callable do not fit.
 
     Args:
         forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
@@ -126,16 +127,17 @@ class Loads:
         return loads
 
     def _load_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of the load of this name as users give it: (3,); for planar pairs (2,), and
-        () if it is a torque.
+        """Return the shape of one value of the load named `name` as users give it: (3,); for planar pairs (2,), and
+        () if the load is a torque.
         """
         if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
     def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Check a constant force, torque or gravity of this name, and return its three components in space as a
-        tuple. The number 0 is accepted for a zero vector. Raise an error if it is not finite or has the wrong shape.
+        """Check a constant force, torque or gravity named `name`, and return its three components in space as a
+        tuple. The number 0 is accepted for a zero vector. Raise an ArgumentError if the load is not finite or has the
+        wrong shape.
         """
         tail = self._load_shape(name)
         if isinstance(load, int | float) and load == 0:
@@ -145,7 +147,7 @@ class Loads:
 
     @staticmethod
     def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Return the result `value` of the callable load of this name, broadcast to `shape`, which has one value for
+        """Return the result `value` of the callable load named `name`, broadcast to `shape`, which has one value for
         each instant. Raise an ArgumentError if the result does not fit.
         """
         try:
@@ -161,8 +163,8 @@ def _has_callable(torque: object) -> bool:
 
 
 def _to_space(value: Array, rank: int) -> Array:
-    """Convert values for planar pairs to vectors in space, (..., 3): vectors in the plane (`rank` 1) get z = 0, and
-    torques (`rank` 0) become vectors along z.
+    """Convert values for planar pairs to an array of vectors in space, (..., 3): vectors in the plane (`rank` 1) get
+    z = 0, and torques (`rank` 0) become vectors along z.
     """
     columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
     return np.stack(columns, axis=-1)

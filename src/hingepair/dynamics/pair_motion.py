@@ -103,7 +103,8 @@ _VELOCITY_AND_MOMENTUM_COMPONENT_MASK: Final = np.repeat([False, True, False, Tr
 
 class MotionSamples(NamedTuple):
     """Samples of a simulated motion at n instants t: attitudes `quats` of body 1 (scalar first), pose and velocities
-    as the field `motion`, accelerations, angle phi, a dict of loads by name, and the number of steps.
+    as the field `motion`, accelerations a1, alpha1 and psidd, angle phi of body 1 in the plane, a dict of loads by
+    name, and the number of steps.
     """
 
     t: Array  # instants [s]; (n,)
@@ -120,7 +121,8 @@ class MotionSamples(NamedTuple):
 class PairMotion:
     """Equations of motion of a pair: the first state, the derivatives of any state, and the motion of the bodies in
     any state. Stores the attitude at the start of the present step, the torque branch `side`, and `held`, whether the
-    hinge is held.
+    hinge is held. At construction, raise an ArgumentError if a moving body lacks mass properties or inertia, and
+    issue a DynamicsWarning for each assumed mass property.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -201,7 +203,7 @@ class PairMotion:
 
     @property
     def callable_names(self) -> tuple[str, ...]:
-        """Names of the arguments of `simulate` that are callables: loads, "hinge" and "base"."""
+        """Tuple of the names of those arguments of `simulate` that are callables: loads, "hinge" and "base"."""
         return (
             *self.loads.callable_names,
             *["hinge"] * (self._hinge is not None),
@@ -219,7 +221,7 @@ class PairMotion:
 
     def rates(self, t: Array, states: Array) -> Array:
         """Compute the time derivatives of states, (m, k), at instants t, (m,), on the present branch of the hinge
-        torque, an array (m, k). Those of the angle and the rate of a held hinge are 0.
+        torque; return an array (m, k). If the hinge is held, the derivatives of its angle and rate are 0.
         """
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))
@@ -234,15 +236,15 @@ class PairMotion:
         return rates
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
-        """Return psi'' [rad/s^2] for one state at the instant t, on the present branch of the torque, as if the hinge
-        were not held.
+        """Return psi'' [rad/s^2] for one state at the instant t, on the present branch of the hinge torque, as if the
+        hinge were not held.
         """
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
 
     def hinge_response(self, t: float, state: Array) -> float:
-        """Compute the derivative of psi'' with respect to a torque at the hinge, for one state at the instant t;
-        return a number [rad/s^2 / (N m)].
+        """Return the derivative of psi'' with respect to a torque at the hinge, for one state at the instant t, as a
+        number [rad/s^2 / (N m)].
         """
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         loads = self._loads_at(np.array([t]), inputs, self.side)
@@ -250,15 +252,15 @@ class PairMotion:
         return float((increased - self._psidd(inputs, loads))[0])
 
     def holding_torque(self, t: Array, states: Array) -> Array:
-        """Compute the torque [N m] to add at the hinge so that psi'' is 0, at instants t and states; return an array
-        (m,).
+        """Compute the torque [N m] that must be added at the hinge so that psi'' is 0, at instants t and states;
+        return an array (m,).
         """
         inputs = self._program_inputs(t, states, self._S0)
         return self._torque_to_reach(inputs, self._loads_at(t, inputs, self.side), 0.0)
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
-        """Compute the callable loads at instants t and states, on the present branch of the torque; return a dict of
-        arrays by name.
+        """Compute the callable loads at instants t and states, on the present branch of the hinge torque; return a
+        dict of arrays by name.
         """
         return self._loads_at(t, self._program_inputs(t, states, self._S0), self.side)
 
@@ -267,14 +269,14 @@ class PairMotion:
         return self._motion_from_inputs(self._program_inputs(t, states, self._S0))
 
     def _psidd(self, inputs: dict[str, Any], loads: dict[str, Array]) -> Array:
-        """Compute psi'' [rad/s^2], an array (m,), from inputs that `_program_inputs` returns and a dict of loads by
-        name.
+        """Compute psi'' [rad/s^2] from the dict `inputs` that `_program_inputs` returns and a dict of loads by name;
+        return an array (m,).
         """
         return np.asarray(_run_compiled_call(self._acceleration_call, inputs | loads)["psidd"])
 
     def _torque_to_reach(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
-        """Compute the torque [N m] to add at the hinge so that psi'' has the value `psidd`; shape (m,). `inputs` are
-        those that `_program_inputs` returns, and `loads` is a dict of arrays by name.
+        """Compute the torque [N m] that must be added at the hinge so that psi'' has the value `psidd`; return an
+        array (m,). `inputs` is the dict that `_program_inputs` returns, and `loads` is a dict of arrays by name.
         """
         torque = loads["hinge_torque"]
         required = psidd - self._psidd(inputs, loads)
@@ -371,14 +373,14 @@ class PairMotion:
         return hinge | broadcast
 
     def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
-        """Compute the callable loads at instants t from inputs that `_program_inputs` returns; return a dict of
-        arrays by name. `side`, (angle, rate), selects the smooth branch of a HingeLoad.
+        """Compute the callable loads at instants t from the dict `inputs` that `_program_inputs` returns; return a
+        dict of arrays by name. `side`, (angle, rate), selects the smooth branch of a HingeLoad.
         """
         motion = self._motion_from_inputs(inputs) if self.loads.need_motion else None
         return self.loads.callables_at(t, motion, inputs["psi"], inputs["psid"], side)
 
     def _motion_from_inputs(self, inputs: dict[str, Any]) -> MotionAtInstants:
-        """Compute pose and velocities of the pair from inputs that `_program_inputs` returns; return them as
+        """Compute pose and velocities of the pair from the dict `inputs` that `_program_inputs` returns; return
         MotionAtInstants.
         """
         values = inputs | (
@@ -389,8 +391,8 @@ class PairMotion:
 
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
-    """Call the function `hinge` that prescribes the motion of a hinge at instants (n,); return (psi, psi', psi''), an
-    array (n,) each. Raise an ArgumentError if the results do not fit.
+    """Call the function `hinge` that prescribes the motion of a hinge at instants t, (n,); return a tuple of three
+    arrays (psi, psi', psi''), shape (n,) each. Raise an ArgumentError if the results of the function do not fit.
     """
     values = call_with_arrays("hinge", hinge, t)
     try:
@@ -402,8 +404,8 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
-    """Run a compiled call on a dict of the values of its arguments, and return the results, which can be read by
-    name. Values that are not its arguments are ignored.
+    """Run a compiled call on a dict of the values of its arguments, and return its results, an object from which the
+    arrays can be read by name. Values that are not its arguments are ignored.
     """
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
     results = call.fast_path(*arrays.values())
@@ -418,7 +420,7 @@ def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
 def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs: tuple[str, ...]) -> Plan:
     """Return the cached plan that computes the named outputs from the state of a pair. `base` is "free", "pinned" or
     "carried" (a body 1 whose motion is known), and `has_home` says whether the pair has a home rotation. If
-    `is_planar` is None, not a boolean, the plan computes them from S1, omega1, psi and psi'.
+    `is_planar` is None, the plan computes the outputs from S1, omega1, psi and psi' in place of the state.
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:

@@ -67,8 +67,8 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Base class of simulated motions. It adds body 1, hinge rates psid and psidd, loads, gravity, base, energies,
-    momentum and `ended_by_event` to the fields of a trajectory.
+    """Base class of simulated motions. It adds body 1, the hinge rates psid and psidd, loads, gravity, base,
+    energies, momentum, the pair in space (`space`) and `ended_by_event` to the fields of a trajectory.
     """
 
     body1: BodyMotion
@@ -292,9 +292,9 @@ def simulate(
     def run_simulation(
         tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Run the stepper with a tolerance and a least number of load evaluations. Return a tuple: PairMotion, first
-        state, StepRecords, MotionSamples at the instants, and whether the event `until` (a callable or None) ended
-        the motion. Raise a SimulationError if the stepper cannot continue.
+        """Run the stepper with a tolerance and a least number of evaluations of callable loads. Return a tuple:
+        PairMotion, first state, list of StepRecords, MotionSamples at the instants, and whether the event `until` (a
+        callable or None) ended the motion. Raise a SimulationError if the stepper cannot continue.
         """
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
@@ -362,8 +362,8 @@ def simulate(
 
 
 def to_spatial_pair(pair: object) -> HingePair:
-    """Return a single HingePair itself, or the HingePair in space of a single PlanarPair; raise an ArgumentError for
-    anything else.
+    """Return a single HingePair itself, or for a single PlanarPair the HingePair in space with the same motion in the
+    plane; raise an ArgumentError for anything else.
 
     Raises:
         ArgumentError: the argument is no pair, or several pairs.
@@ -379,9 +379,9 @@ def to_spatial_pair(pair: object) -> HingePair:
 def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Check the arguments that say how the hinge starts or moves, and return (psi, psi') at the first of the instants
-    t. `hinge` is "free", or a callable that prescribes the motion; with a callable, psi_0 and psid_0 must be None and
-    `hinge_torque` 0. Raise an ArgumentError if the arguments cannot be used.
+    """Check the arguments that say how the hinge starts or moves, and return a tuple of the numbers (psi, psi') at
+    the first of the instants t. `hinge` is "free", or a callable that prescribes the motion; with a callable, psi_0
+    and psid_0 must be None and `hinge_torque` 0. Raise an ArgumentError if the arguments cannot be used.
     """
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
@@ -433,8 +433,8 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 
 
 def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
-    """Issue a DynamicsWarning for each angle or rate (of the stops [rad], or of the initial state `start`) that looks
-    like degrees, and for each inertia of a moving body that is hardly in kg m^2.
+    """Issue a DynamicsWarning for each angle or rate that looks like degrees, of the `stops` [rad] or of the initial
+    state `start`, and for each inertia of a moving body that is hardly in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
@@ -452,8 +452,8 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
 
 
 def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
-    """Issue a DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair that has no stop at or before
-    it. `stops` are the lower and the upper stop, infinite if there is none.
+    """Issue one DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair that has no stop at or
+    before it. `stops` are the lower and the upper stop, infinite if there is none.
     """
     lower = -np.inf if stops[0] >= limits[0] else limits[0]
     upper = np.inf if stops[1] <= limits[1] else limits[1]
@@ -477,8 +477,8 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper: tolerance `tol` [rad], least number of load evaluations, instants (`breaks`)
-    at which loads jump, and the user's event `until`.
+    """Options of a run of the stepper: tolerance `tol` [rad], least number of evaluations of callable loads, instants
+    (`breaks`) at which loads jump, and the user's event `until`.
     """
 
     tol: float  # largest error of a step [rad]
@@ -488,8 +488,8 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Step from t[0] to t[-1] with _RunOptions. Return (list of StepRecords, end), where end is the time since t[0]
-    at which `until` ended the motion, or None. Change the stored attitude and torque branch of `motion`. Raise a
+    """Step from t[0] to t[-1] with _RunOptions. Return a tuple of the list of StepRecords and the time since t[0] at
+    which `until` ended the motion, or None. Change the stored attitude and torque branch of `motion`. Raise a
     SimulationError if the stepper cannot continue.
     """
     start, elapsed = float(t[0]), t - t[0]
