@@ -8,7 +8,10 @@ from hingepair.formats.robots import robot_names
 from support.robot_proof import MODES, ratios_of
 
 BOUND = 16.0
-"""Largest difference in units of u * scale: both sides round (`pair.accuracy.MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS`)."""
+"""Largest difference in units of u * scale: both sides round.
+
+It equals `pair.accuracy.MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE`.
+"""
 REFUSED = {"ur3"}
 """The one URDF that Pinocchio does not load either: it holds nothing."""
 KINDS = {

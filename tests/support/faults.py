@@ -856,7 +856,7 @@ FAULTS = {
     "a scene's own gravity forgotten": Fault(
         "scenes/mechanisms/scene.py",
         "fall = self.gravity if gravity is None else",
-        "fall = GRAVITY if gravity is None else",
+        "fall = DEFAULT_GRAVITY_VECTOR if gravity is None else",
         "scenes/test_mechanism_scenes.py::test_payload_frames_and_gravity_are_those_of_the_methods",
     ),
     "a torque limit that holds one way": Fault(

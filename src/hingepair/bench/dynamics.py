@@ -46,7 +46,7 @@ from hingepair.dynamics.simulate import simulate
 from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.dynamics import GRAVITY, Forces
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Forces
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_exp
@@ -205,7 +205,7 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
     import mujoco as mj
 
     model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
-    model.opt.gravity[:] = GRAVITY
+    model.opt.gravity[:] = DEFAULT_GRAVITY_VECTOR
     data = mj.MjData(model)
     rows = mujoco_coordinates(task.rows, task.body1.v, task.body1.a if task.is_inverse else task.forces.force1)
     last, solve, result = (
@@ -383,7 +383,7 @@ def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) 
     body1: Any = pair.body1
     body2: Any = pair.body2
     K = _skew_matrix(pair.n)
-    g = np.array(GRAVITY)
+    g = np.array(DEFAULT_GRAVITY_VECTOR)
 
     def rates(_: float, y: Array) -> Array:
         """Return the time derivative of the state y, an array of position, quaternion (w, x, y, z), psi and their

@@ -18,10 +18,10 @@ from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.formats.xml_text import commented
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_SUFFIXES
 from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
 from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_KIND, DynamicsSetup
@@ -218,7 +218,9 @@ def mjcf_command(
     base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE_KIND else setup.base
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in hinge_keys})
-    gravity_vector = setup.others.get("gravity", PLANAR_GRAVITY if isinstance(pair, PlanarPair) else GRAVITY)
+    gravity_vector = setup.others.get(
+        "gravity", DEFAULT_PLANAR_GRAVITY_VECTOR if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
+    )
     gravity = (*gravity_vector, 0.0)[:3]
     text = to_mjcf(_to_spatial(pair), base=base, hinge_torque=load, body1=setup.body1, gravity=gravity)
     written = {

@@ -18,10 +18,10 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_named
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_plain_hinge_load
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 
 # Of the size of each component of the state, for differences of order 4.
 _RELATIVE_STATE_DIFFERENCE_STEP: Final = 1e-5
@@ -159,11 +159,11 @@ def linearize(
     space = to_spatial_pair(pair)
     is_planar = space is not pair
     if gravity is None:
-        gravity = PLANAR_GRAVITY if is_planar else GRAVITY
+        gravity = DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     if not callable(hinge_torque):
         hinge_torque = finite_number("hinge_torque", hinge_torque)
-    load = hinge_torque if is_named(hinge_torque) else HingeLoad(motor=hinge_torque)
+    load = hinge_torque if is_plain_hinge_load(hinge_torque) else HingeLoad(motor=hinge_torque)
     start = initial_state(base, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start[2].any() or start[3].any() or start[5]):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))

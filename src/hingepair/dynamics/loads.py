@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, call_with_arrays, check_callable, is_named
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, call_with_arrays, check_callable, is_plain_hinge_load
 
 LoadArgument: TypeAlias = ArrayLike | Callable[[Array, "MotionAtInstants"], ArrayLike]
 """A force or torque on a body as users give it: a constant, or a callable of (t, now)."""
@@ -77,7 +77,7 @@ class Loads:
         else:
             self.constants["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
         self.need_motion = bool(self._callables)
-        hinge_load = hinge_torque if is_named(hinge_torque) else HingeLoad()
+        hinge_load = hinge_torque if is_plain_hinge_load(hinge_torque) else HingeLoad()
         self.kinks, self.rate_kinks = hinge_load.kinks, hinge_load.rate_kinks
         """Values of psi [rad] and psi' [rad/s], increasing, at which the torque changes its smooth branch."""
         self.friction = hinge_load.sticking_friction
@@ -102,7 +102,7 @@ class Loads:
             )
             loads[name] = _to_space(value, len(self._load_shape(name))) if self._is_planar else value
         if self._hinge is not None:
-            if is_named(self._hinge) and side is not None:
+            if is_plain_hinge_load(self._hinge) and side is not None:
                 torque: Any = self._hinge.smooth(side, t, psi, psid)
             else:
                 torque = call_with_arrays("hinge_torque", self._hinge, t, psi, psid)
@@ -120,7 +120,7 @@ class Loads:
         constants = {name: np.array(load) for name, load in self.constants.items() if name != "gravity"}
         loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in constants.items()}
         loads |= self.callables_at(t, now, now.psi, now.psid, side)
-        if is_named(self._hinge):
+        if is_plain_hinge_load(self._hinge):
             parts = self._hinge.parts(t, now.psi, now.psid, side)
             for part, torque in parts.items():
                 loads[f"{part}_torque"] = self._broadcast_load("hinge_torque", torque, t.shape)
@@ -159,7 +159,7 @@ class Loads:
 
 def _has_callable(torque: object) -> bool:
     """Return whether a torque at the hinge is a callable other than a HingeLoad, or has one as its motor."""
-    return _has_callable(torque.motor) if is_named(torque) else callable(torque)
+    return _has_callable(torque.motor) if is_plain_hinge_load(torque) else callable(torque)
 
 
 def _to_space(value: Array, rank: int) -> Array:

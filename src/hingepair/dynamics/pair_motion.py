@@ -29,7 +29,11 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.dynamics import MIN_PIVOT_TO_DIAGONAL_RATIO, check_resistance, mass_constants
+from hingepair.pair.dynamics import (
+    MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO,
+    check_nonsingular_mass_matrix,
+    mass_constants,
+)
 from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
@@ -183,7 +187,7 @@ class PairMotion:
             )
             self._rate_call = self._acceleration_call = compile_call(None, "psidd")
             return
-        check_resistance(pair.constants, (pair.body1, pair.body2))
+        check_nonsingular_mass_matrix(pair.constants, (pair.body1, pair.body2))
         self._motion_call, self._rate_call = (
             compile_call(is_planar, "R1", "S1", "v1", "omega1"),
             compile_call(is_planar, "state_rates"),
@@ -452,7 +456,7 @@ def _check_hinge_inertia(pair: HingePair) -> None:
     axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     offset = np.cross(axis, centre)
     inertia = axis @ body2.inertia @ axis + body2.mass * (offset @ offset)
-    if inertia <= MIN_PIVOT_TO_DIAGONAL_RATIO * np.trace(body2.inertia):
+    if inertia <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO * np.trace(body2.inertia):
         raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
 
 

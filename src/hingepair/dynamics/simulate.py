@@ -27,11 +27,11 @@ from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 
 SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
@@ -274,7 +274,7 @@ def simulate(
             "tol", f"a number from {_ALLOWED_STEP_TOLERANCE_RANGE[0]} to {_ALLOWED_STEP_TOLERANCE_RANGE[1]}", tol
         )
     is_planar = space is not pair
-    gravity = (PLANAR_GRAVITY if is_planar else GRAVITY) if gravity is None else gravity
+    gravity = (DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     given_motion = None if isinstance(hinge, str) else hinge
     loads = Loads(forces, hinge_torque if given_motion is None else HingeLoad(), gravity, is_planar=is_planar)

@@ -46,7 +46,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
-from hingepair.pair.evaluate import STATE_CLASS_BY_KIND, compute_state
+from hingepair.pair.evaluate import STATE_CLASS_BY_MOTION_KIND, compute_state
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -511,7 +511,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     options, plan = request.options, request.plan
     shape = psi.shape
     if not plan.outputs:
-        return STATE_CLASS_BY_KIND[plan.kind]({}, shape)
+        return STATE_CLASS_BY_MOTION_KIND[plan.kind]({}, shape)
     S1: Any = None if plan.kind is PLANAR_MOTION_KIND else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {
         **request.points,
@@ -562,7 +562,8 @@ def _integrate_lazily(
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
-        STATE_CLASS_BY_KIND[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND], shape=arrays["psi"].shape
+        STATE_CLASS_BY_MOTION_KIND[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND],
+        shape=arrays["psi"].shape,
     )
     return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
 

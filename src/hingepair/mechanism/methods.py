@@ -34,7 +34,7 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
-from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
 from hingepair.plans.trees import input_shapes
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
@@ -244,7 +244,7 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         tau: Coordinates | None = None,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
@@ -327,7 +327,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
         base_motion: BodyMotion | None = None,
         outputs: Iterable[str] | None = None,
@@ -387,7 +387,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         tau: Coordinates,
         *,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
@@ -478,7 +478,7 @@ class MechanismMethods(Shown):
         q: Coordinates,
         qd: Coordinates,
         *,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -511,7 +511,7 @@ class MechanismMethods(Shown):
         self,
         q: Coordinates,
         *,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -621,7 +621,7 @@ class MechanismMethods(Shown):
         q: Coordinates,
         qd: Coordinates,
         *,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         base_motion: BodyMotion | None = None,
         workers: int = 1,
         backend: str = "auto",
@@ -681,7 +681,7 @@ class MechanismMethods(Shown):
         *,
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         workers: int = 1,
         backend: str = "auto",
     ) -> PreparedMechanism:
@@ -960,7 +960,7 @@ class MechanismMethods(Shown):
         out: Out,
         workers: int,
         backend: str,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
         """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`.
@@ -1058,7 +1058,7 @@ class MechanismMethods(Shown):
         out: FloatArray | None,
         workers: int,
         backend: str,
-        gravity: ArrayLike = GRAVITY,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     ) -> FloatArray:
         """Compute the only output of a computation, and return it as a bare, writable array; write into the array
         `out` unless it is None. `coordinates` is a dict of q, qd or qdd by name, and `base_motion` None or a
@@ -1134,4 +1134,6 @@ def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
     """Check the argument `gravity`, and return a tuple of its three components [m/s^2]. Raise an ArgumentError if it
     is no vector.
     """
-    return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())
+    if gravity is DEFAULT_GRAVITY_VECTOR:
+        return DEFAULT_GRAVITY_VECTOR
+    return tuple(one_constant("gravity", gravity, 3).tolist())

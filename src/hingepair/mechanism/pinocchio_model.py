@@ -12,7 +12,7 @@ from hingepair.mechanism.folding import JointPart
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
@@ -50,7 +50,7 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
     if free and np.any(model.armature[:6]):
         expected = "0: the base has no motor (model.armature[:6] = 0 leaves it out)"
         raise ArgumentError(f"joint {model.names[root]!r}, armature", expected, model.armature[:6].tolist())
-    if not np.array_equal(model.gravity.linear, GRAVITY):
+    if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY_VECTOR):
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
     bodies = _BodyContents(model, root)

@@ -61,10 +61,10 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
 """By output; of states whose numbers are 0 or in the normal range, results and scales too. Below the smallest normal
 number, that number stands for u * scale."""
 
-MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS = 16
+MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE = 16
 """Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
 
-SCALE_FORMULA_BY_PLANAR_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
+SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
 """The scale of what planar pairs alone have: an angle rounds as it grows."""
 
 PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT: Mapping[str, str] = MappingProxyType(

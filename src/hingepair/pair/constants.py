@@ -16,7 +16,7 @@ from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_o
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
-_IDENTITY_ROTATION = read_only(np.eye(3))  # the home attitude C unless given
+_IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the home attitude C unless given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +57,13 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     """
     vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
     axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
-    rotation = _IDENTITY_ROTATION if home is None else constant("home", home, 3, 3)
+    rotation = _IDENTITY_ROTATION_MATRIX if home is None else constant("home", home, 3, 3)
     if home is not None:
         check_rotation("home", rotation)
     shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
     shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
     values: Named = {name: numbers(vector) for name, vector in vectors.items()}
-    if not (rotation == _IDENTITY_ROTATION).all():
+    if not (rotation == _IDENTITY_ROTATION_MATRIX).all():
         values["home"] = numbers(rotation, 2)
     values |= _axis_and_levers(values, numbers(axis))
     computed = {
@@ -111,7 +111,7 @@ def _stack_components(components: Components) -> NDArray[np.float64]:
     return np.stack(np.broadcast_arrays(*components), axis=-1)
 
 
-HINGE_FRAME_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
+HINGE_FRAME_VECTOR_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 """What `with_hinge_frames` adds."""
 
 
@@ -122,11 +122,11 @@ def with_hinge_frames(pair: Constants) -> Constants:
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
     """
-    constants: Constants | None = pair.prepared.get(HINGE_FRAME_NAMES)
+    constants: Constants | None = pair.prepared.get(HINGE_FRAME_VECTOR_NAMES)
     if constants is None:
         frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
         constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
-        pair.prepared[HINGE_FRAME_NAMES] = constants
+        pair.prepared[HINGE_FRAME_VECTOR_NAMES] = constants
     return constants
 
 

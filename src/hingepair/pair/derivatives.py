@@ -161,7 +161,7 @@ def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Flo
 # The sensitivities that the pose alone gives.
 POSE_SENSITIVITY_NAMES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
 # Those that velocities give.
-RATE_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
+VELOCITY_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
@@ -172,6 +172,6 @@ def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: Arra
     if psid is None:
         outputs = _outputs_from_body1(pair, POSE_SENSITIVITY_NAMES, body1, "S", psi=psi)
     else:
-        names = (*POSE_SENSITIVITY_NAMES, *RATE_SENSITIVITY_NAMES)
+        names = (*POSE_SENSITIVITY_NAMES, *VELOCITY_SENSITIVITY_NAMES)
         outputs = _outputs_from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
     return Sensitivities(**{name: read_only(array) for name, array in outputs.items()})

@@ -27,12 +27,12 @@ from hingepair.plans.dynamics_steps import (
 )
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
 
-GRAVITY = (0.0, 0.0, -9.81)
+DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
-_DEFAULT_GRAVITY_ARRAY, _NO_FORCE = np.array(GRAVITY), np.zeros(3)
+_DEFAULT_GRAVITY_ARRAY, _ZERO_LOAD_ARRAY = np.array(DEFAULT_GRAVITY_VECTOR), np.zeros(3)
 # The loads that are vectors: forces and torques on the bodies.
 _VECTOR_LOAD_NAMES = tuple(name for name in FORWARD_DYNAMICS_LOAD_NAMES if name != "hinge_torque")
 _MASSLESS_BODY1_CONSTANTS = {
@@ -40,7 +40,7 @@ _MASSLESS_BODY1_CONSTANTS = {
     "c1": _ZERO_VECTOR_COMPONENTS,
     "I1": (0.0,) * 9,
 }  # constants of a body 1 without mass
-MIN_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
+MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
 
 
@@ -200,62 +200,62 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DynamicsRequest:
-    """Request for a quantity of dynamics, for `compute_quantity`. `outputs` are the names of its outputs, `letters`
+class DynamicsComputationSpec:
+    """Request for a quantity of dynamics, for `compute_dynamics`. `outputs` are the names of its outputs, `letters`
     name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose masses it needs, and
-    `without_body1` is a hint for the error message if body 1 has no mass.
+    `hint_without_body1` is a hint for the error message if body 1 has no mass.
     """
 
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
     bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
-    without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
+    hint_without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
 
 
-MASS_MATRIX_REQUEST = DynamicsRequest(("mass_matrix",), ("S",))  # D6
+MASS_MATRIX_COMPUTATION_SPEC = DynamicsComputationSpec(("mass_matrix",), ("S",))  # D6
 # Inverse dynamics, D1-D5.
-FORCES_REQUEST = DynamicsRequest(
+INVERSE_DYNAMICS_COMPUTATION_SPEC = DynamicsComputationSpec(
     INVERSE_DYNAMICS_OUTPUT_NAMES,
     ("S", "omega", "a", "alpha"),
-    without_body1="; or pair.hinge_wrench, for which body 2 suffices",
+    hint_without_body1="; or pair.hinge_wrench, for which body 2 suffices",
 )
 # The wrench of body 1 on body 2, D3, D4.
-HINGE_WRENCH_REQUEST = DynamicsRequest(
+HINGE_WRENCH_COMPUTATION_SPEC = DynamicsComputationSpec(
     ("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
 )
-ACCELERATIONS_REQUEST = DynamicsRequest(
+FORWARD_DYNAMICS_COMPUTATION_SPEC = DynamicsComputationSpec(
     (*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega")
 )  # forward dynamics, D6
 # D7.
-ENERGY_REQUEST = DynamicsRequest(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM_REQUEST = DynamicsRequest(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
+ENERGY_COMPUTATION_SPEC = DynamicsComputationSpec(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
+MOMENTUM_COMPUTATION_SPEC = DynamicsComputationSpec(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
 
 
-def compute_quantity(
-    request: DynamicsRequest,
+def compute_dynamics(
+    spec: DynamicsComputationSpec,
     constants: Constants,
     bodies: Bodies,
     body1: BodyMotion,
-    gravity: ArrayLike = GRAVITY,
+    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """Compute the outputs of a DynamicsRequest at all samples, and return them as writable arrays in the order of
-    `request.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid, psidd and
-    loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is assumed. Raise
-    ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for assumed ones.
+    """Compute the outputs of a DynamicsComputationSpec at all samples, and return them as writable arrays in the
+    order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid,
+    psidd and loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is
+    assumed. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for assumed ones.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
     """
-    fall = _DEFAULT_GRAVITY_ARRAY if gravity is GRAVITY else one_constant("gravity", gravity, 3)
+    fall = _DEFAULT_GRAVITY_ARRAY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
     loads = {name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value for name, value in given.items()}
-    call: Call | None = constants.prepared.get(request)
+    call: Call | None = constants.prepared.get(spec)
     if call is not None and type(body1) is BodyMotion:
-        state = call.fast_path(*(getattr(body1, letter) for letter in request.letters), fall, *loads.values())
+        state = call.fast_path(*(getattr(body1, letter) for letter in spec.letters), fall, *loads.values())
         if state is not None:
             return writable_arrays(state).values()
-    massive = with_masses(request, constants, bodies)
-    values: dict[str, Any] = motion_arrays("body1", body1, *request.letters)
+    massive = with_masses(spec, constants, bodies)
+    values: dict[str, Any] = motion_arrays("body1", body1, *spec.letters)
     for name, value in loads.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
@@ -265,28 +265,28 @@ def compute_quantity(
             read_component(name, value)
             if name not in _VECTOR_LOAD_NAMES
             else _ZERO_VECTOR_COMPONENTS
-            if value is _NO_FORCE
+            if value is _ZERO_LOAD_ARRAY
             else value
         )
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
-    plan = make_plan(request.outputs, None, "home" in constants.values, given_names=tuple(values))
+    plan = make_plan(spec.outputs, None, "home" in constants.values, given_names=tuple(values))
     call = cached_call(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
-        constants.prepared[request] = call
+        constants.prepared[spec] = call
     return writable_arrays(call.run(values, shapes)).values()
 
 
-def with_masses(request: DynamicsRequest, constants: Constants, bodies: Bodies) -> Constants:
+def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:
     """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2); a body 1 that
-    `request` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
+    `spec` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
     ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:
-        ArgumentError: a body that the request needs has no mass properties; names it.
+        ArgumentError: a body that the spec needs has no mass properties; names it.
     """
-    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in request.bodies}
+    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in spec.bodies}
     masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(
-        present, request.without_body1
+        present, spec.hint_without_body1
     )  # the same whatever is asked of a pair
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
@@ -302,13 +302,13 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
         ArgumentError: the masses leave a motion without resistance.
     """
     *accelerations, pivot_ratios = outputs
-    if (pivot_ratios <= MIN_PIVOT_TO_DIAGONAL_RATIO).any():
+    if (pivot_ratios <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
     return Accelerations(*accelerations)
 
 
-def check_resistance(constants: Constants, bodies: Bodies) -> None:
+def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
     """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that forces do not determine the
     accelerations. `constants` are those of the pair; `bodies` is (body1, body2).
 
@@ -317,8 +317,15 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
     """
     still = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
     loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
-    outputs = compute_quantity(
-        ACCELERATIONS_REQUEST, constants, bodies, still, gravity=_ZERO_VECTOR_COMPONENTS, psi=0.0, psid=0.0, **loads
+    outputs = compute_dynamics(
+        FORWARD_DYNAMICS_COMPUTATION_SPEC,
+        constants,
+        bodies,
+        still,
+        gravity=_ZERO_VECTOR_COMPONENTS,
+        psi=0.0,
+        psid=0.0,
+        **loads,
     )
     make_accelerations(bodies, outputs)
 
@@ -327,4 +334,4 @@ def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return a force or a torque as an array of shape (..., 3); the number 0 becomes zeros. Raise ShapeError, which
     names the argument `name`, for another shape.
     """
-    return _NO_FORCE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)
+    return _ZERO_LOAD_ARRAY if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

@@ -24,7 +24,7 @@ from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, 
 from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
 DEFAULT_EXECUTION: Final = Execution("auto", 1)  # how a call is run unless told
-STATE_CLASS_BY_KIND: Mapping[Any, type[PairState | PlanarState]] = {
+STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
     PLANAR_MOTION_KIND: PlanarState,
 }
@@ -33,7 +33,7 @@ STATE_CLASS_BY_KIND: Mapping[Any, type[PairState | PlanarState]] = {
 QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
 # By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
-_MAX_ROTATION_ERROR_BY_ITEMSIZE: Final = {
+_MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE: Final = {
     size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
 _ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
@@ -51,13 +51,13 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
         limits = (
             _ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE
             if any(name in QUATERNION_INPUT_NAMES for name in input_names)
-            else _MAX_ROTATION_ERROR_BY_ITEMSIZE
+            else _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE
         )
-        checks = {"attitude1_check": limits, "attitude2_check": _MAX_ROTATION_ERROR_BY_ITEMSIZE}
+        checks = {"attitude1_check": limits, "attitude2_check": _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE}
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
             {name: constants[name] for name in _needed_arguments(loop, input_names)},
-            STATE_CLASS_BY_KIND[plan.kind], shape=pair.shape, backend=backend, on_limit=_refuse_attitude,
+            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, on_limit=_check_attitudes,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call
@@ -67,7 +67,7 @@ def _needed_arguments(loop: Any, input_names: tuple[str, ...]) -> list[str]:
     return [name for name, _ in loop.inputs if name not in input_names]
 
 
-def _refuse_attitude(values: Mapping[str, Any]) -> None:
+def _check_attitudes(values: Mapping[str, Any]) -> None:
     """Raise RotationError if S1 or S2 in `values`, the inputs by name, is not a rotation, or a quaternion is zero."""
     for name, value in values.items():
         if name in QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():

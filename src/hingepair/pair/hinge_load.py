@@ -237,7 +237,9 @@ class HingeLoad:
         """
         side = (psi, psid) if side is None else side
         terms = self._terms(side, t, psi, psid)
-        motor_torques = self.motor.parts(t, psi, psid, side) if is_named(self.motor) else {"motor": terms["motor"]}
+        motor_torques = (
+            self.motor.parts(t, psi, psid, side) if is_plain_hinge_load(self.motor) else {"motor": terms["motor"]}
+        )
         acting = {"spring": self.stiffness, "damper": self.damping, "friction": self.friction, "stop": self.stops}
         own_torques = {name: terms[name] for name, coefficient in acting.items() if coefficient}
         return {
@@ -253,7 +255,7 @@ class HingeLoad:
         """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
-        if is_named(self.motor):
+        if is_plain_hinge_load(self.motor):
             terms["motor"] = self.motor.smooth(side, t, psi, psid)
         elif callable(self.motor):
             terms["motor"] = call_with_arrays("motor", self.motor, t, psi, psid)
@@ -275,10 +277,10 @@ class HingeLoad:
 
     def _nested(self) -> tuple[HingeLoad, ...]:
         """Return a tuple of this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
-        return (self, *(self.motor._nested() if is_named(self.motor) else ()))
+        return (self, *(self.motor._nested() if is_plain_hinge_load(self.motor) else ()))
 
 
-def is_named(torque: object) -> TypeGuard[HingeLoad]:
+def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
     """Return whether a hinge torque is exactly a HingeLoad, whose kinks and parts are known. For objects of derived
     classes, return False.
     """

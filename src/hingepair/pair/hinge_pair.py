@@ -32,7 +32,7 @@ from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 Returned = TypeVar("Returned")
 
-SAMPLE_SHAPE_BY_ARGUMENT: Final = {
+SAMPLE_SHAPE_BY_DASK_ARGUMENT: Final = {
     **SPATIAL_MOTION_KIND.shapes,
     **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
 }
@@ -154,7 +154,7 @@ class HingePair(Shown):
         Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
-        return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_ARGUMENT, kinematics.spatial_columns)
+        return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_DASK_ARGUMENT, kinematics.spatial_columns)
 
     def forward_kinematics(
         self,
@@ -221,7 +221,7 @@ class HingePair(Shown):
         *,
         outputs: Iterable[str] | None = None,
         sequence: str = "XYZ",
-        gravity: ArrayLike = dynamics.GRAVITY,
+        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -437,8 +437,8 @@ class HingePair(Shown):
         """
         if holds_dask(body1, psi):
             return self._lazily(self.mass_matrix, body1=body1, psi=psi)
-        (matrix,) = dynamics.compute_quantity(
-            dynamics.MASS_MATRIX_REQUEST, self.constants, self._bodies, body1, psi=psi
+        (matrix,) = dynamics.compute_dynamics(
+            dynamics.MASS_MATRIX_COMPUTATION_SPEC, self.constants, self._bodies, body1, psi=psi
         )
         return matrix
 
@@ -448,7 +448,7 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        gravity: ArrayLike = dynamics.GRAVITY,
+        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
         (D1-D5). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
@@ -483,7 +483,9 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
         return Forces(
-            *dynamics.compute_quantity(dynamics.FORCES_REQUEST, self.constants, self._bodies, body1, gravity, **hinge)
+            *dynamics.compute_dynamics(
+                dynamics.INVERSE_DYNAMICS_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
+            )
         )
 
     def forward_dynamics(
@@ -497,7 +499,7 @@ class HingePair(Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0,
-        gravity: ArrayLike = dynamics.GRAVITY,
+        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Accelerations:
         """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
         on both bodies (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass
@@ -537,8 +539,14 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         if holds_dask(body1, loads, hinge):
             return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
-        outputs = dynamics.compute_quantity(
-            dynamics.ACCELERATIONS_REQUEST, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
+        outputs = dynamics.compute_dynamics(
+            dynamics.FORWARD_DYNAMICS_COMPUTATION_SPEC,
+            self.constants,
+            self._bodies,
+            body1,
+            gravity=gravity,
+            **loads,
+            **hinge,
         )
         return dynamics.make_accelerations(self._bodies, outputs)
 
@@ -548,7 +556,7 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        gravity: ArrayLike = dynamics.GRAVITY,
+        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
         `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
@@ -582,13 +590,13 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         if holds_dask(body1, hinge):
             return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
-        outputs = dynamics.compute_quantity(
-            dynamics.HINGE_WRENCH_REQUEST, self.constants, self._bodies, body1, gravity, **hinge
+        outputs = dynamics.compute_dynamics(
+            dynamics.HINGE_WRENCH_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
         )
         return HingeWrench(*outputs)
 
     def energy(
-        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
+        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
         body 1. If the pair has no mass properties of body 1, return the energy of body 2 alone. Raise ArgumentError
@@ -620,7 +628,9 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
         return Energy(
-            *dynamics.compute_quantity(dynamics.ENERGY_REQUEST, self.constants, self._bodies, body1, gravity, **hinge)
+            *dynamics.compute_dynamics(
+                dynamics.ENERGY_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
+            )
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
@@ -651,7 +661,9 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.momentum, body1=body1, **hinge)
         return Momentum(
-            *dynamics.compute_quantity(dynamics.MOMENTUM_REQUEST, self.constants, self._bodies, body1, **hinge)
+            *dynamics.compute_dynamics(
+                dynamics.MOMENTUM_COMPUTATION_SPEC, self.constants, self._bodies, body1, **hinge
+            )
         )
 
     def residuals(

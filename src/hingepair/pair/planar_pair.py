@@ -29,13 +29,13 @@ from hingepair.pair.states import PlanarState
 from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.rotations.matrices import rotation_exp
 
-PLANAR_GRAVITY = (0.0, -9.81)
+DEFAULT_PLANAR_GRAVITY_VECTOR = (0.0, -9.81)
 """Gravity in the plane unless given: y points up [m/s^2]."""
 
 Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
-_SAMPLE_SHAPE_BY_PLANAR_ARGUMENT: Final = {
+_SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT: Final = {
     **PLANAR_MOTION_KIND.shapes,
     **dict.fromkeys(("force1", "force2"), (2,)),
     **dict.fromkeys(("torque1", "torque2"), ()),
@@ -113,7 +113,7 @@ class PlanarPair(Shown):
         Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
-        return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_ARGUMENT, kinematics.planar_columns)
+        return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT, kinematics.planar_columns)
 
     def forward_kinematics(
         self,
@@ -264,11 +264,15 @@ class PlanarPair(Shown):
         """
         if holds_dask(q):
             return self._lazily(self.mass_matrix, q=q)
-        (M,) = self._compute_quantity(dynamics.MASS_MATRIX_REQUEST, {"q": q})
+        (M,) = self._compute_dynamics(dynamics.MASS_MATRIX_COMPUTATION_SPEC, {"q": q})
         return M[..., _PLANAR_INDICES_IN_SPATIAL_COORDINATES[:, None], _PLANAR_INDICES_IN_SPATIAL_COORDINATES]
 
     def inverse_dynamics(
-        self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
+        self,
+        q: CoordinateInput,
+        qd: CoordinateInput,
+        qdd: CoordinateInput,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (D1-D5).
         `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
@@ -298,11 +302,17 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
-        force1, torque1, hinge_torque = self._compute_quantity(dynamics.FORCES_REQUEST, rows, gravity)
+        force1, torque1, hinge_torque = self._compute_dynamics(
+            dynamics.INVERSE_DYNAMICS_COMPUTATION_SPEC, rows, gravity
+        )
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(
-        self, q: CoordinateInput, qd: CoordinateInput, qdd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY
+        self,
+        q: CoordinateInput,
+        qd: CoordinateInput,
+        qdd: CoordinateInput,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). `gravity`
         is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties; body 1
@@ -332,8 +342,8 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
-        force, torque, hinge_torque, bearing_torque = self._compute_quantity(
-            dynamics.HINGE_WRENCH_REQUEST, rows, gravity
+        force, torque, hinge_torque, bearing_torque = self._compute_dynamics(
+            dynamics.HINGE_WRENCH_COMPUTATION_SPEC, rows, gravity
         )
         return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
@@ -347,7 +357,7 @@ class PlanarPair(Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0.0,
-        gravity: ArrayLike = PLANAR_GRAVITY,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> FloatArray:
         """Compute the second time derivatives qdd of the coordinates, shape (..., 4), under gravity and under the
         forces and torques on both bodies (D6). Raise ArgumentError if a body has no mass properties, or if the mass
@@ -380,11 +390,15 @@ class PlanarPair(Shown):
         loads["hinge_torque"] = hinge_torque
         if holds_dask(q, qd, loads):
             return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
-        outputs = self._compute_quantity(dynamics.ACCELERATIONS_REQUEST, {"q": q, "qd": qd}, gravity, **loads)
+        outputs = self._compute_dynamics(
+            dynamics.FORWARD_DYNAMICS_COMPUTATION_SPEC, {"q": q, "qd": qd}, gravity, **loads
+        )
         a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), outputs)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
-    def energy(self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
+    def energy(
+        self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
+    ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). If body 1 has no mass
         properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
 
@@ -408,7 +422,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
-        return Energy(*self._compute_quantity(dynamics.ENERGY_REQUEST, {"q": q, "qd": qd}, gravity))
+        return Energy(*self._compute_dynamics(dynamics.ENERGY_COMPUTATION_SPEC, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
         """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
@@ -433,19 +447,19 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.momentum, q=q, qd=qd)
-        linear, angular = self._compute_quantity(dynamics.MOMENTUM_REQUEST, {"q": q, "qd": qd})
+        linear, angular = self._compute_dynamics(dynamics.MOMENTUM_COMPUTATION_SPEC, {"q": q, "qd": qd})
         return Momentum(linear[..., :2], angular[..., 2])
 
-    def _compute_quantity(
+    def _compute_dynamics(
         self,
-        request: dynamics.DynamicsRequest,
+        spec: dynamics.DynamicsComputationSpec,
         coordinates: Mapping[str, Any],
-        gravity: ArrayLike = PLANAR_GRAVITY,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """Return the spatial arrays of a DynamicsRequest, such as forces with three components, in the order of its
-        outputs. `coordinates` are q, qd and qdd by name, gravity has two components, and planar loads are keyword
-        arguments. Raise ArgumentError if a coordinate argument is None or a needed mass is missing.
+        """Return the spatial arrays of a DynamicsComputationSpec, such as forces with three components, in the order
+        of its outputs. `coordinates` are q, qd and qdd by name, gravity has two components, and planar loads are
+        keyword arguments. Raise ArgumentError if a coordinate argument is None or a needed mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:
@@ -464,8 +478,8 @@ class PlanarPair(Shown):
         for name, value in loads.items():
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        massive = dynamics.with_masses(request, space.constants, (space.body1, space.body2))
-        return compute_arrays(massive, request.outputs, values, shapes, sequence="XYZ").values()
+        massive = dynamics.with_masses(spec, space.constants, (space.body1, space.body2))
+        return compute_arrays(massive, spec.outputs, values, shapes, sequence="XYZ").values()
 
 
 _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space

@@ -15,8 +15,8 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.array_libraries import library_of
 from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
-from hingepair.pair.constants import HINGE_FRAME_NAMES, Constants, with_hinge_frames
-from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, RATE_SENSITIVITY_NAMES
+from hingepair.pair.constants import HINGE_FRAME_VECTOR_NAMES, Constants, with_hinge_frames
+from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, VELOCITY_SENSITIVITY_NAMES
 from hingepair.pair.evaluate import QUATERNION_INPUT_NAMES, cached_call
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import (
@@ -51,7 +51,7 @@ _OUTPUT_NAMES: Final = (
     *SPATIAL_MOTION_KIND.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
     *POSE_SENSITIVITY_NAMES,
-    *RATE_SENSITIVITY_NAMES,
+    *VELOCITY_SENSITIVITY_NAMES,
     *_TWO_BODY_OUTPUT_NAMES,
     *INVERSE_DYNAMICS_OUTPUT_NAMES,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
@@ -176,13 +176,13 @@ def prepare(
     if not plan.inputs.isdisjoint(DYNAMICS_CONSTANT_NAMES):
         constants = dynamics.with_loads_and_masses(constants, bodies, gravity, plan.inputs)
     if forward:
-        dynamics.check_resistance(constants, bodies)
+        dynamics.check_nonsingular_mass_matrix(constants, bodies)
     if "S2" in names:
         constants = with_hinge_frames(constants)
     known_names = {*names, *constants.values}
     for name in output_names:
         of_both = names if forward or name not in _TWO_BODY_OUTPUT_NAMES else (*names, "S2")
-        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - HINGE_FRAME_NAMES)
+        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - HINGE_FRAME_VECTOR_NAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     call = cached_call(constants, plan, names, execution.backend)

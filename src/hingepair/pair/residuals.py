@@ -195,7 +195,7 @@ class Residuals(Frozen, Shown):
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
-DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS = 32
+DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE = 32
 """Residuals that round-off explains, in units of u * scale: of motion that the library computed, 6 was the largest
 seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm sqrt(3) times
 that."""
@@ -240,7 +240,7 @@ RESIDUAL_KIND_BY_NAME = {
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
 # The arrays of a report, sample by sample.
-_RESIDUAL_ARRAY_NAMES = (
+_RESIDUALS_ARRAY_ATTRIBUTE_NAMES = (
     *("gap", "tilt", "tilt_angle", "psi"),
     *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
 )
@@ -260,7 +260,7 @@ class LazyResiduals(Results):
         of the samples; None if they were not given.
     """
 
-    __slots__ = (*_RESIDUAL_ARRAY_NAMES, "_summary", "_u", "name", "ratio", "t")
+    __slots__ = (*_RESIDUALS_ARRAY_ATTRIBUTE_NAMES, "_summary", "_u", "name", "ratio", "t")
 
     def __init__(
         self, arrays: Mapping[str, Any], shape: tuple[int, ...], name: str, t: Any, u: float, summary: Any
@@ -443,7 +443,7 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
     """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
-    values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUAL_ARRAY_NAMES}
+    values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES}
     for key, array in values.items():
         if array is not None and not holds_dask(array):
             values[key] = read_only(np.asarray(array))
@@ -562,14 +562,14 @@ def _compare_residual(
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
     """Return the _ResidualComparison of a kind of residual, whose sizes and scale are arrays (...,). The tolerance is
-    `tolerance_by_kind[kind]` if it is given, and otherwise DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * u * scale. Sizes
-    become -inf where `is_finite` is False, and inf where they overflow.
+    `tolerance_by_kind[kind]` if it is given, and otherwise DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE * u *
+    scale. Sizes become -inf where `is_finite` is False, and inf where they overflow.
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
             tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
         else:
-            tolerance = DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS * np.maximum(
+            tolerance = DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE * np.maximum(
                 np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
             )
         sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
@@ -580,7 +580,7 @@ def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
     """Return a text on the origin of the tolerance of a kind of residual: "given" if `tolerance_by_kind` has it, and
     otherwise the formula of the default tolerance.
     """
-    formula = f"{DEFAULT_RESIDUAL_TOLERANCE_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
+    formula = f"{DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
@@ -626,7 +626,7 @@ def _computable_arrays(
     home, there = "home" in pair.values, {*motions, *pair.values}
     names = [
         name
-        for name in _RESIDUAL_ARRAY_NAMES
+        for name in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES
         if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= there
     ]
     return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))

@@ -248,11 +248,11 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_INSTANTS_IN_MEMORY and kind in _WRITE_FUNCTION_BY_SUFFIX:
+    if samples > MAX_INSTANTS_IN_MEMORY and kind in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX:
         limit = f"more than {MAX_INSTANTS_IN_MEMORY} instants, which go block by block"
         expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
-    with whole_file(target, inputs) as file, _WRITER_BY_SUFFIX[kind](file, samples, described, unit) as add:
+    with whole_file(target, inputs) as file, _BLOCK_WRITER_BY_SUFFIX[kind](file, samples, described, unit) as add:
         yield add
 
 
@@ -262,7 +262,7 @@ def check_ending(path: Path) -> None:
     Raises:
         ArgumentError: the ending is unknown.
     """
-    if path.suffix.lower() not in _WRITER_BY_SUFFIX:
+    if path.suffix.lower() not in _BLOCK_WRITER_BY_SUFFIX:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_SUFFIXES)}", quoted(str(path)))
 
 
@@ -384,12 +384,18 @@ def import_data_package(package: str, caller: str) -> Any:
 
 
 # Writers of files that need all arrays at once, by the ending of the file.
-_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {".npz": _write_npz, ".nc": _write_netcdf}
+_WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {
+    ".npz": _write_npz,
+    ".nc": _write_netcdf,
+}
 # All writers, by the ending of the file.
-_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
+_BLOCK_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv_writer,
     ".parquet": _parquet_writer,
-    **{kind: functools.partial(_collecting_writer, write=write) for kind, write in _WRITE_FUNCTION_BY_SUFFIX.items()},
+    **{
+        kind: functools.partial(_collecting_writer, write=write)
+        for kind, write in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX.items()
+    },
 }
-RESULT_SUFFIXES: Final = tuple(_WRITER_BY_SUFFIX)
+RESULT_SUFFIXES: Final = tuple(_BLOCK_WRITER_BY_SUFFIX)
 """Endings of files that results are written to."""

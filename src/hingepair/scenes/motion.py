@@ -14,9 +14,9 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import instant_text
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
 
@@ -105,7 +105,7 @@ class Motion:
         """
         if self.simulated:
             return self.simulated.gravity
-        return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
+        return (*DEFAULT_PLANAR_GRAVITY_VECTOR, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
 
 
 class LimitCounter:

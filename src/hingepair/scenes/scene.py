@@ -423,17 +423,17 @@ class Scene(SampledScene):
         """Return a tuple of sentences for a comparison with Pinocchio: that errors of the motion are unknown, or that
         they exceed the bound of the comparison. `u` is the unit roundoff.
         """
-        from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
+        from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
         estimates = {unit: error() for unit, error in self.motion.errors.items()}
         large = [
             f"{error:.1g} {unit}"
             for unit, error in estimates.items()
-            if error > MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS * u
+            if error > MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE * u
         ]
         notes = [self.motion.doubt] if math.isnan(self.motion.error_estimate) and self.motion.doubt else []
         if large:
-            bound = f"the bound of {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS * u:.1g} rad"
+            bound = f"the bound of {MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE * u:.1g} rad"
             held = "the comparison is one of the equations at each instant, not of the way there"
             notes.append(
                 f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"

@@ -13,7 +13,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, euler_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.forward_kinematics import read_pair_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
@@ -48,7 +48,7 @@ def cross_validate(
     *,
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
-    gravity: ArrayLike = GRAVITY,
+    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
 ) -> RobotValidation: ...
 
 
@@ -61,7 +61,7 @@ def cross_validate(
     sequence: str = "XYZ",
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
-    gravity: ArrayLike = GRAVITY,
+    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
 ) -> CrossValidation | RobotValidation:
     """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
     that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a

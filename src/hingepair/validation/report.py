@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from hingepair.errors import printable
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import (
-    MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS,
+    MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
     PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT,
     PROMISED_BOUND_BY_OUTPUT,
-    SCALE_FORMULA_BY_PLANAR_OUTPUT,
+    SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT,
 )
 
 # The heading of the table of rates.
 _RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-FORCE_ERROR_BOUND_ROUNDOFFS: Final = 64
+MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
@@ -55,7 +55,7 @@ class Comparison:
     max_ratio: float
     worst_sample: tuple[int, ...] | None
     samples: int
-    bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
+    bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
     @property
     def ok(self) -> bool:
@@ -68,7 +68,7 @@ class Comparison:
         added_terms = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(self.output)
         if self.output in _SCALE_TEXT_BY_LOAD:
             return _SCALE_TEXT_BY_LOAD[self.output]
-        formula = SCALE_FORMULA_BY_PLANAR_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
+        formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
         return f"{formula} + {added_terms}" if added_terms else formula
 
     @classmethod
@@ -78,7 +78,7 @@ class Comparison:
         error: NDArray[np.float64],
         ratio: NDArray[np.float64],
         shape: tuple[int, ...],
-        bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS,
+        bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
     ) -> Comparison:
         """Return the Comparison of the output named `output` from its errors, shape (N,), and the same errors in
         units of u * scale (`ratio`), shape (N,). `shape` is the leading shape of the samples, `bound` the largest
@@ -186,11 +186,16 @@ class CrossValidation(Shown):
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
-        more = f", and {forces} within {FORCE_ERROR_BOUND_ROUNDOFFS} u*scale of its rnea" if forces else ""
-        return f"PASSED: {outputs} within {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS} u*scale of Pinocchio{more}{beside}"
+        more = (
+            f", and {forces} within {MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale of its rnea"
+            if forces
+            else ""
+        )
+        limit = f"{MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale"
+        return f"PASSED: {outputs} within {limit} of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
-        planar = any(row.output in SCALE_FORMULA_BY_PLANAR_OUTPUT for row in self.rows)
+        planar = any(row.output in SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT for row in self.rows)
         attitude_source = "in the plane" if planar else "attitude given"
         attitude = attitude_source if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"

@@ -11,7 +11,7 @@ import numpy as np
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
-from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
+from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
 _ROBOT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
 """Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
@@ -40,7 +40,7 @@ class RobotComparison:
     worst_sample: tuple[int, ...] | None
     worst_part: str
     samples: int
-    bound: float = MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS
+    bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
     singular: int = 0
     unresisted: str = ""
 
@@ -133,7 +133,8 @@ class RobotValidation(Shown):
         left = [row.output for row in self.rows if not row.samples]
         outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         without = f"; not compared: {', '.join(left)}" if left else ""
-        return f"PASSED: {outputs} within {MAX_PINOCCHIO_DIFFERENCE_ROUNDOFFS} u*scale of Pinocchio{without}{beside}"
+        limit = f"{MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale"
+        return f"PASSED: {outputs} within {limit} of Pinocchio{without}{beside}"
 
     def __str__(self) -> str:
         title, lines, notes = self._sheet()

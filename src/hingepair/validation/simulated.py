@@ -15,7 +15,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from hingepair.validation.report import FORCE_ERROR_BOUND_ROUNDOFFS, Comparison, RateComparison
+from hingepair.validation.report import MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE, Comparison, RateComparison
 
 _LOAD_COMPONENTS_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
@@ -91,7 +91,7 @@ def compare_forces(
     for name, columns in _FORCE_SLICE_BY_LOAD.items():
         if {*range(*columns.indices(7))} & {*load_components}:
             errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
-            rows.append(Comparison.worst_of(name, *errors, psi.shape, FORCE_ERROR_BOUND_ROUNDOFFS))
+            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE))
     return tuple(rows)
 
 

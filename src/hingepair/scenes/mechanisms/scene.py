@@ -19,7 +19,7 @@ from hingepair.mechanism.states import FrameState, MechanismForces, MechanismSta
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
 from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
 from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -713,7 +713,7 @@ def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> Mechanism
         tables.text("title", default=robot.name),
         robot,
         motion,
-        read_gravity(tables) or GRAVITY,
+        read_gravity(tables) or DEFAULT_GRAVITY_VECTOR,
         frames or robot.tips,
         None,
         {key: float(value) for key, value in tables.constants.items()},
