@@ -762,8 +762,8 @@ FAULTS = {
     ),
     "rounding of axis and levers dropped from the bounds": Fault(
         "pair/accuracy.py",
-        "np.spacing(np.abs(c)) / 2 + _MAX_DERIVED_CONSTANT_REL_ERROR * size",
-        "_MAX_DERIVED_CONSTANT_REL_ERROR * size",
+        "np.spacing(np.abs(c)) / 2 + error_before_rounding",
+        "error_before_rounding",
         "pair/test_error_bounds.py::test_the_rounding_of_axis_and_levers_counts",
     ),
     "components of another library's arrays side by side the other way": Fault(

@@ -65,7 +65,7 @@ MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE = 16
 """Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
 
 SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
-"""The scale of what planar pairs alone have: an angle rounds as it grows."""
+"""The scales of the outputs that only planar pairs have: the rounding error of an angle grows with the angle."""
 
 PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
@@ -251,9 +251,6 @@ def _largest_size(value: ArrayLike) -> Float64Array:
 
 Bounds = dict[str, NDArray[np.float64]]
 
-_MAX_DERIVED_CONSTANT_REL_ERROR = 2.0**-90
-"""Largest error of the axis and the levers before their last rounding, relative to the size of their inputs."""
-
 # The levers that each constant of a pair was computed of, which carry its errors.
 _SOURCE_NAMES_BY_DERIVED_CONSTANT = {
     "n": ("n",),
@@ -267,9 +264,9 @@ def error_bounds(
     kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
     """Compute bounds on the rounding errors of the outputs of forward_kinematics for coordinates q, qd and qdd.
-    Return a dict of arrays of shape (...,) by output name. `kind` says whether the motion is spatial or planar,
-    `pair` are the Constants of the pair, and `sequence` is the Euler sequence (None for a planar pair). Raise
-    ArgumentError for unusable arguments.
+    Return a dict of arrays of shape (...,) by output name. `kind` is the MotionKind, spatial or planar, `pair` are
+    the Constants of the pair, and `sequence` is the Euler sequence (None for a planar pair). Raise ArgumentError for
+    unusable arguments.
     """
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
     return _plan_error_bounds(pair, plan, coordinates.parts, coordinates.shapes)
@@ -343,11 +340,10 @@ def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named
         return number_type.rounded(quantity)
     if not source_names:
         return tuple(number_type.rounded(c) for c in quantity)
-    size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
+    source_size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
+    error_before_rounding = 2.0**-90 * source_size  # a bound for the axis and the levers
     return tuple(
-        number_type.rounded(
-            c, np.spacing(np.abs(c)) / 2 + _MAX_DERIVED_CONSTANT_REL_ERROR * size + BoundedDouble.smallest
-        )
+        number_type.rounded(c, np.spacing(np.abs(c)) / 2 + error_before_rounding + BoundedDouble.smallest)
         for c in quantity
     )
 

@@ -19,18 +19,6 @@ from hingepair.rotations.matrices import check_rotation
 _DEFAULT_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _DEFAULT_GYRATION_RADIUS_SQUARED = 0.01  # m^2, of a body whose inertia is not given
 
-_MAX_SILENT_EXCESS_TO_LARGEST_MOMENT = (
-    64 * 2.0**-53
-)  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
-_MAX_EXCESS_TO_SUM_OF_MOMENTS: Final = 1e-3
-"""Share of the sum of the principal moments by which the largest may exceed the other two together.
-
-Moments of a flat body that are written with three digits are off by so much; what passes is warned of.
-"""
-_MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT = (
-    1e-9  # of the largest element, as for rotations: what passes is made symmetric
-)
-
 
 class DynamicsWarning(UserWarning):
     """Warns that computed forces or motion may be wrong, for instance because a mass or an inertia is assumed or
@@ -303,16 +291,16 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
     scaled = inertia / size
-    if np.abs(scaled - scaled.T).max() > _MAX_ASYMMETRY_TO_LARGEST_INERTIA_ELEMENT:
+    if np.abs(scaled - scaled.T).max() > 1e-9:  # the tolerance of rotation matrices
         raise ArgumentError("inertia", "a symmetric matrix", inertia)
     small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
     moments = [moment * size for moment in (small, middle, large)]
     if small <= 0:
         raise ArgumentError("inertia", "principal moments above 0", moments)
     excess, total = large - small - middle, small + middle + large
-    if excess > _MAX_EXCESS_TO_SUM_OF_MOMENTS * total:
+    if excess > 1e-3 * total:  # moments of a flat body that are written with three digits are off by as much
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
-    if excess > _MAX_SILENT_EXCESS_TO_LARGEST_MOMENT * large:
+    if excess > 64 * 2.0**-53 * large:  # more than the rounding of a product R I R^T and of its eigenvalues
         shown = ", ".join(f"{moment:.6g}" for moment in moments)
         above = (
             f"the largest of the principal moments {shown} is {100 * excess / (small + middle):.2g} % above the sum"

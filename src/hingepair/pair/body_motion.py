@@ -229,7 +229,7 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
     """Return a value as an array of a motion: a read-only view for NumPy, lists and tables; an array of another
     library, or a Dask array, as it is. Raise ShapeError, which names the argument `name`, if its last axes do not
-    have the shape that the further arguments give, such as 3, 3.
+    have the shape that the further arguments give, such as 3, 3; raise DtypeError unless it holds real numbers.
     """
     if not is_foreign(value) and not holds_dask(value):
         try:

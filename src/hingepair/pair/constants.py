@@ -112,7 +112,7 @@ def _stack_components(components: Components) -> NDArray[np.float64]:
 
 
 HINGE_FRAME_VECTOR_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
-"""What `with_hinge_frames` adds."""
+"""Names of the vectors that `with_hinge_frames` adds."""
 
 
 def with_hinge_frames(pair: Constants) -> Constants:

@@ -28,11 +28,12 @@ from hingepair.plans.dynamics_steps import (
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
 
 DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
-"""Gravity unless given, world axes [m/s^2]."""
+"""Acceleration of free fall unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
-_DEFAULT_GRAVITY_ARRAY, _ZERO_LOAD_ARRAY = np.array(DEFAULT_GRAVITY_VECTOR), np.zeros(3)
+_DEFAULT_GRAVITY_ARRAY = np.array(DEFAULT_GRAVITY_VECTOR)  # made once, for calls with the default
+_ZERO_LOAD_ARRAY = np.zeros(3)  # a force or torque of 0, which becomes a constant of the program
 # The loads that are vectors: forces and torques on the bodies.
 _VECTOR_LOAD_NAMES = tuple(name for name in FORWARD_DYNAMICS_LOAD_NAMES if name != "hinge_torque")
 _MASSLESS_BODY1_CONSTANTS = {
@@ -41,7 +42,7 @@ _MASSLESS_BODY1_CONSTANTS = {
     "I1": (0.0,) * 9,
 }  # constants of a body 1 without mass
 MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
-"""Of the inertias: a pivot below is made of their round-off."""
+"""Pivots of the mass matrix that are at most this share of their diagonal elements consist of round-off."""
 
 
 def _one_line_repr(self: Any) -> str:
@@ -148,9 +149,10 @@ class Momentum(NamedTuple):
 
 
 def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
-    """Return a dict of the masses, centres of mass and inertias of Bodies by the names "body1" and "body2", with the
-    keys m1, c1, I1, m2, c2 and I2. Issue a DynamicsWarning for each assumed value. Raise ArgumentError for a body
-    that is None; if it is body1, the message includes `hint_without_body1`.
+    """Return the masses, centres of mass and inertias of `bodies`, a dict of Bodies by the names "body1" and "body2".
+    The result is a dict of floats and tuples of floats with the keys m1, c1, I1, m2, c2 and I2. Issue a
+    DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None; if it is body1, the message
+    ends with `hint_without_body1`.
 
     The hint says what to call instead.
 
@@ -201,15 +203,15 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicsComputationSpec:
-    """Request for a quantity of dynamics, for `compute_dynamics`. `outputs` are the names of its outputs, `letters`
-    name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose masses it needs, and
-    `hint_without_body1` is a hint for the error message if body 1 has no mass.
+    """Specification of a computation of dynamics, an argument of `compute_dynamics`. `outputs` are the names of its
+    outputs, `letters` name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose
+    masses it needs, and `hint_without_body1` is a hint for the error message if body 1 has no mass.
     """
 
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
     bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
-    hint_without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
+    hint_without_body1: str = ""  # end of the message if body 1 has no mass: what to call instead
 
 
 MASS_MATRIX_COMPUTATION_SPEC = DynamicsComputationSpec(("mass_matrix",), ("S",))  # D6
@@ -238,10 +240,10 @@ def compute_dynamics(
     body1: BodyMotion,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     **given: ArrayLike,
-) -> Iterable[FloatArray]:
-    """Compute the outputs of a DynamicsComputationSpec at all samples, and return them as writable arrays in the
-    order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi, psid,
-    psidd and loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is
+) -> tuple[FloatArray, ...]:
+    """Compute the outputs that a DynamicsComputationSpec names, at all samples, and return a tuple of writable arrays
+    in the order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi,
+    psid, psidd and loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is
     assumed. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for assumed ones.
 
     Raises:
@@ -253,7 +255,7 @@ def compute_dynamics(
     if call is not None and type(body1) is BodyMotion:
         state = call.fast_path(*(getattr(body1, letter) for letter in spec.letters), fall, *loads.values())
         if state is not None:
-            return writable_arrays(state).values()
+            return tuple(writable_arrays(state).values())
     massive = with_masses(spec, constants, bodies)
     values: dict[str, Any] = motion_arrays("body1", body1, *spec.letters)
     for name, value in loads.items():
@@ -273,21 +275,19 @@ def compute_dynamics(
     call = cached_call(massive, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
         constants.prepared[spec] = call
-    return writable_arrays(call.run(values, shapes)).values()
+    return tuple(writable_arrays(call.run(values, shapes)).values())
 
 
 def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2); a body 1 that
-    `spec` does not need may be None and then has the mass 0. The result is cached in `constants.prepared`. Raise
-    ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
+    """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2). A body 1 whose
+    mass the computation `spec` does not need may be None and then has the mass 0. The result is cached in
+    `constants.prepared`. Raise ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:
-        ArgumentError: a body that the spec needs has no mass properties; names it.
+        ArgumentError: a body that the computation needs has no mass properties; names it.
     """
     present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in spec.bodies}
-    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(
-        present, spec.hint_without_body1
-    )  # the same whatever is asked of a pair
+    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(present, spec.hint_without_body1)  # for every computation
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
     return extended
@@ -310,7 +310,8 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
 
 def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
     """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that forces do not determine the
-    accelerations. `constants` are those of the pair; `bodies` is (body1, body2).
+    accelerations. `constants` are the Constants of the pair; `bodies` is (body1, body2), each a Body or None. Issue a
+    DynamicsWarning for assumed masses.
 
     Raises:
         ArgumentError: as for `make_accelerations`.

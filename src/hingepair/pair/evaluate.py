@@ -28,7 +28,7 @@ STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
     PLANAR_MOTION_KIND: PlanarState,
 }
-"""The class of the results, by the kind of plan."""
+"""The class of the results, by the kind of motion of a plan."""
 
 QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
@@ -36,7 +36,6 @@ QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may st
 _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE: Final = {
     size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
-_ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 
 def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
@@ -48,12 +47,9 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
     if call is None:
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
-        limits = (
-            _ZERO_QUATERNION_CHECK_LIMIT_BY_ITEMSIZE
-            if any(name in QUATERNION_INPUT_NAMES for name in input_names)
-            else _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE
-        )
-        checks = {"attitude1_check": limits, "attitude2_check": _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE}
+        checks = dict.fromkeys(("attitude1_check", "attitude2_check"), _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE)
+        if any(name in QUATERNION_INPUT_NAMES for name in input_names):
+            checks["attitude1_check"] = {8: 1.0, 4: 1.0}  # the check is 2 for a zero quaternion, and otherwise 0
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
             {name: constants[name] for name in _needed_arguments(loop, input_names)},
@@ -87,8 +83,8 @@ def compute_state(
 ) -> Any:
     """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` are the
     Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their samples. Arrays in the dict
-    `out` are written into. `execution` says backend and number of threads. The dtype is that of the values if `dtype`
-    is None.
+    `out` are written into. `execution` says backend and number of threads; the compiled call is cached in
+    `pair.prepared`. If `dtype` is None, the results have the dtype of the values.
     """
     return cached_call(pair, plan, tuple(values), execution.backend).run(
         values, shapes, out, execution.workers, dtype
@@ -105,7 +101,8 @@ def compute_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Compute the outputs of a spatial pair that `outputs` names; return them as a dict of new, writable arrays by
     output name. `pair` are the Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their
-    samples, `sequence` is the Euler sequence if there are Euler angles.
+    samples, `sequence` is the Euler sequence if there are Euler angles. The compiled call is cached in
+    `pair.prepared`.
     """
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))

@@ -58,9 +58,9 @@ class PairCoordinates(NamedTuple):
 
 
 def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
-    """Return the arguments q, qd and qdd (None if not given) as PairCoordinates; `kind` says whether the pair is
-    spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable ones. Arrays of other libraries stay
-    as they are if `keep_foreign`, and otherwise become NumPy arrays.
+    """Return the arguments q, qd and qdd (None if not given) as PairCoordinates; `kind` is the MotionKind of the
+    pair, spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable ones. Arrays of other
+    libraries stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
     """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -189,9 +189,9 @@ def from_coordinates(
     execution: Execution,
 ) -> Any:
     """Compute the PairState or PlanarState of a pair from its coordinates and the derivatives that are not None
-    (E1-E11). `kind` says whether the pair is spatial or planar, `pair` are its Constants, `execution` says backend
-    and number of threads. Arrays in the dict `out` are written into. The compiled call is cached in `pair.prepared`.
-    Raise ArgumentError for unusable arguments.
+    (E1-E11). `kind` is the MotionKind of the pair, spatial or planar, `pair` are its Constants, `execution` says
+    backend and number of threads. Arrays in the dict `out` are written into. The compiled call is cached in
+    `pair.prepared`. Raise ArgumentError for unusable arguments.
     """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
@@ -232,8 +232,8 @@ def plan_from_coordinates(
     keep_foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
     """Return (plan, coordinates): the Plan that computes the requested outputs from the coordinates, and the
-    arguments q, qd and qdd as PairCoordinates. `kind` says whether the pair is spatial or planar, `pair` are its
-    Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for unusable
+    arguments q, qd and qdd as PairCoordinates. `kind` is the MotionKind of the pair, spatial or planar, `pair` are
+    its Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for unusable
     arguments.
     """
     if kind is SPATIAL_MOTION_KIND and (type(sequence) is not str or sequence != "XYZ"):
@@ -293,8 +293,8 @@ def plan_from_body1(
 
 def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind) -> tuple[str, ...]:
     """Return a tuple of the names of the outputs to compute: `outputs`, or if this is None, the default outputs for
-    the level (0 pose, 1 velocity, 2 acceleration) and the keys of the dict `out`. `kind` says whether the pair is
-    spatial or planar. Raise ArgumentError for unknown names.
+    the level (0 pose, 1 velocity, 2 acceleration) and the keys of the dict `out`. `kind` is the MotionKind of the
+    pair, spatial or planar. Raise ArgumentError for unknown names.
     """
     if outputs is not None:
         names = check_outputs(outputs, kind.levels)
@@ -323,8 +323,8 @@ def _checked_plan(
     names: tuple[str, ...], pair: Constants, input_names: tuple[str, ...], sequence: str | None, kind: MotionKind
 ) -> Plan:
     """Return the Plan that computes the outputs `names` from the inputs `input_names` and the Constants `pair`.
-    `kind` says whether the pair is spatial or planar; `sequence` is the Euler sequence or None. Raise ArgumentError,
-    which names the missing input, if the inputs do not suffice.
+    `kind` is the MotionKind of the pair, spatial or planar; `sequence` is the Euler sequence or None. Raise
+    ArgumentError, which names the missing input, if the inputs do not suffice.
     """
     home = "home" in pair.values
     plan = make_plan(names, sequence, home, kind=kind, given_names=input_names)

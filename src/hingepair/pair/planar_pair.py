@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
 
@@ -456,10 +456,11 @@ class PlanarPair(Shown):
         coordinates: Mapping[str, Any],
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         **loads: ArrayLike,
-    ) -> Iterable[FloatArray]:
-        """Return the spatial arrays of a DynamicsComputationSpec, such as forces with three components, in the order
-        of its outputs. `coordinates` are q, qd and qdd by name, gravity has two components, and planar loads are
-        keyword arguments. Raise ArgumentError if a coordinate argument is None or a needed mass is missing.
+    ) -> tuple[FloatArray, ...]:
+        """Compute the outputs that a DynamicsComputationSpec names, in space: a force has three components. Return a
+        tuple of arrays in the order of `spec.outputs`. `coordinates` holds q, qd and qdd by name, `gravity` has two
+        components, and planar loads are keyword arguments. Raise ArgumentError if a coordinate argument is None or a
+        needed mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:
@@ -479,7 +480,7 @@ class PlanarPair(Shown):
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
         massive = dynamics.with_masses(spec, space.constants, (space.body1, space.body2))
-        return compute_arrays(massive, spec.outputs, values, shapes, sequence="XYZ").values()
+        return tuple(compute_arrays(massive, spec.outputs, values, shapes, sequence="XYZ").values())
 
 
 _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space

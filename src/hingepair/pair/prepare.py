@@ -156,7 +156,8 @@ def prepare(
 ) -> Prepared:
     """Return the Prepared call that `HingePair.prepare` describes, for inputs `given` (a keyword such as "velocity",
     or names); compile it if the backend of `execution` is "auto" or "compiled". `pair` is a HingePair, `sequence` the
-    Euler sequence of body 1. Raise ArgumentError for unknown names, missing inputs and missing masses.
+    Euler sequence of body 1. Raise ArgumentError for unknown names, missing inputs and missing masses; issue a
+    DynamicsWarning for assumed masses.
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants

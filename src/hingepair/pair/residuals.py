@@ -196,9 +196,10 @@ class Residuals(Frozen, Shown):
 
 
 DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE = 32
-"""Residuals that round-off explains, in units of u * scale: of motion that the library computed, 6 was the largest
-seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm sqrt(3) times
-that."""
+"""Size up to which round-off explains a residual, in units of u * scale: of motion that the library computed, 6 was
+the largest seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm
+sqrt(3) times that.
+"""
 
 
 class ResidualKind(NamedTuple):
@@ -237,7 +238,9 @@ RESIDUAL_KIND_BY_NAME = {
         "E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"
     ),
 }
-"""What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
+"""The residuals that are compared with tolerances; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the
+components of both bodies.
+"""
 
 # The arrays of a report, sample by sample.
 _RESIDUALS_ARRAY_ATTRIBUTE_NAMES = (
@@ -313,7 +316,7 @@ def lazy_residuals(
     t: ArrayLike | None,
 ) -> LazyResiduals:
     """Return the LazyResiduals of two BodyMotions, made of the results of `residual_arrays` as Dask arrays by name.
-    `name` is that of the pair, `tolerances` a dict by kind of residual or None, t the instants in memory or None.
+    `name` is the name of the pair, `tolerances` a dict by kind of residual or None, t the instants in memory or None.
     Nothing is computed. Raise ArgumentError if t is a Dask array, ShapeError if it does not broadcast to the samples.
 
     Raises:
@@ -366,18 +369,16 @@ def _summarize_chunk(
     """Return the _ResidualSummary of the samples of one chunk. `sizes_and_tolerances` holds a pair of arrays by kind
     of residual, `basis_by_kind` a text on the origin of the tolerance.
     """
-    judged = {}
+    comparison_by_kind = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
-        judged[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
-    return _summarize(judged)
+        comparison_by_kind[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
+    return _summarize(comparison_by_kind)
 
 
-def _summarize(judged: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
-    """Return the _ResidualSummary of all samples from `judged`, the comparisons of residuals with their tolerances by
-    kind of residual.
-    """
-    is_finite = [comparison.is_finite for comparison in judged.values()]
-    rows = tuple(_worst_sample_check(kind, comparison) for kind, comparison in judged.items())
+def _summarize(comparison_by_kind: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
+    """Return the _ResidualSummary of all samples from the comparisons of the residuals with their tolerances."""
+    is_finite = [comparison.is_finite for comparison in comparison_by_kind.values()]
+    rows = tuple(_worst_sample_check(kind, comparison) for kind, comparison in comparison_by_kind.items())
     return _ResidualSummary(rows, is_finite[0].shape, int((~np.logical_and.reduce(is_finite)).sum()))
 
 
@@ -427,8 +428,8 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
     """Return the report on two motions: LazyResiduals if the arrays in `values` are Dask arrays, and otherwise
-    Residuals. `values` holds the arrays by name and the summary under the key "summary"; `name` is that of the pair,
-    t the instants or None, u the unit roundoff.
+    Residuals. `values` holds the arrays by name and the summary under the key "summary"; `name` is the name of the
+    pair, t the instants or None, u the unit roundoff.
     """
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
@@ -438,8 +439,8 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. `name` is that of the pair, u the
-    unit roundoff; t are the instants or None, of which the rows get those of the worst samples.
+    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. `name` is the name of the pair, u
+    the unit roundoff; t are the instants or None, of which the rows get those of the worst samples.
     """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
@@ -462,7 +463,7 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
 
 _SIZE_ARRAY_NAME_PREFIX = "size of "  # of the name of the array of a residual's sizes
 _TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # of the name of the array of a residual's tolerances
-# Names of the arrays that judge residuals, which reports do not show.
+# Names of the arrays of sizes and tolerances, which reports do not show.
 _COMPARISON_ARRAY_NAMES = {
     prefix + kind
     for prefix in (_SIZE_ARRAY_NAME_PREFIX, _TOLERANCE_ARRAY_NAME_PREFIX)
@@ -482,11 +483,12 @@ def residual_arrays(
     """
     computed = _compute_residuals(pair, body1, body2, tolerances)
     ratio = np.full(computed.shape, -np.inf)
-    for judged in computed.judged.values():
-        ratio = np.maximum(ratio, judged.ratio)
-    judging = {_SIZE_ARRAY_NAME_PREFIX + kind: judged.sizes for kind, judged in computed.judged.items()}
-    judging |= {_TOLERANCE_ARRAY_NAME_PREFIX + kind: judged.tolerance for kind, judged in computed.judged.items()}
-    return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **judging}
+    arrays_to_compare = {}
+    for kind, comparison in computed.comparison_by_kind.items():
+        ratio = np.maximum(ratio, comparison.ratio)
+        arrays_to_compare[_SIZE_ARRAY_NAME_PREFIX + kind] = comparison.sizes
+        arrays_to_compare[_TOLERANCE_ARRAY_NAME_PREFIX + kind] = comparison.tolerance
+    return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **arrays_to_compare}
 
 
 class _ResidualComparison(NamedTuple):
@@ -510,18 +512,18 @@ class _ResidualComparison(NamedTuple):
 
 
 class _ResidualComputation(NamedTuple):
-    """All residuals of two motions: `arrays` by name, `judged`, the comparisons with the tolerances by kind of
-    residual, the leading `shape` of the samples, and the unit roundoff `u` of the least precise input.
+    """All residuals of two motions: the `arrays` by name, `comparison_by_kind` with a _ResidualComparison for each
+    kind of residual, the leading `shape` of the samples, and the unit roundoff `u` of the least precise input.
 
     Attributes:
         arrays: residuals, hinge angle and its derivatives by name.
-        judged: comparison of each residual with its tolerance, by the name of the residual.
+        comparison_by_kind: comparison of each residual with its tolerance, by the name of the residual.
         shape: leading shape of the samples.
         u: unit roundoff of the least precise array given.
     """
 
     arrays: dict[str, NDArray[Any]]
-    judged: dict[str, _ResidualComparison]
+    comparison_by_kind: dict[str, _ResidualComparison]
     shape: tuple[int, ...]
     u: float
 
@@ -544,13 +546,13 @@ def _compute_residuals(
     u = _largest_unit_roundoff(array.dtype for array in motions.values())
     scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KIND_BY_NAME if kind in arrays])
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
-    judged = {}
+    comparison_by_kind = {}
     for kind, scale in scales.items():
         size = arrays[RESIDUAL_KIND_BY_NAME[kind].size]
         is_finite = np.broadcast_to(attitudes & np.isfinite(scale), shape)
         size = size if size.ndim == len(shape) else norm(size)
-        judged[kind] = _compare_residual(kind, size, scale, is_finite, u, tolerance_by_kind)
-    return _ResidualComputation(arrays, judged, shape, u)
+        comparison_by_kind[kind] = _compare_residual(kind, size, scale, is_finite, u, tolerance_by_kind)
+    return _ResidualComputation(arrays, comparison_by_kind, shape, u)
 
 
 def _compare_residual(
@@ -562,8 +564,8 @@ def _compare_residual(
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
     """Return the _ResidualComparison of a kind of residual, whose sizes and scale are arrays (...,). The tolerance is
-    `tolerance_by_kind[kind]` if it is given, and otherwise DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE * u *
-    scale. Sizes become -inf where `is_finite` is False, and inf where they overflow.
+    `tolerance_by_kind[kind]` if it is given, and otherwise the default tolerance, a multiple of u * scale. Sizes
+    become -inf where `is_finite` is False, and inf where they overflow.
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
@@ -641,11 +643,11 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute the Residuals of two BodyMotions: by how much they violate the hinge constraints E1 and E2 and their
-    time derivatives, compared with tolerances. `name` is that of the pair, `tolerances` a dict by kind of residual or
-    None for the defaults, t the instants or None. Raise ArgumentError for unusable arguments.
+    time derivatives, compared with tolerances. `name` is the name of the pair, `tolerances` a dict by kind of
+    residual or None for the defaults, t the instants or None. Raise ArgumentError for unusable arguments.
     """
-    arrays, judged, _, u = _compute_residuals(pair, body1, body2, tolerances)
-    return _make_report(name, t, u, _summarize(judged), arrays)
+    arrays, comparison_by_kind, _, u = _compute_residuals(pair, body1, body2, tolerances)
+    return _make_report(name, t, u, _summarize(comparison_by_kind), arrays)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -343,7 +343,7 @@ def _collecting_writer(
     `with` block ends without an error, `write(file, arrays, described, unit)` is called once with the arrays of all
     rows by name, including t. `samples` is the number of all rows.
     """
-    kept: dict[str, Any] = {}
+    array_by_name: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -351,22 +351,23 @@ def _collecting_writer(
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:
-                kept[name] = array
+                array_by_name[name] = array
             else:
-                kept.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))[count:][: len(t)] = array
+                whole = array_by_name.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))
+                whole[count:][: len(t)] = array
         count += len(t)
 
     yield add
-    write(file, kept, described, unit)
+    write(file, array_by_name, described, unit)
 
 
-def _write_npz(file: IO[bytes], kept: dict[str, Any], *_: object) -> None:
-    np.savez(file, **kept)  # no other keyword: NumPy 2.1 takes each for an array
+def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
+    np.savez(file, **arrays)  # no other keyword: NumPy 2.1 takes each for an array
 
 
-def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
+def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
     import_data_package("scipy", "save")
-    file.write(Record(kept.pop("t"), kept, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
+    file.write(Record(arrays.pop("t"), arrays, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 
 
 def import_data_package(package: str, caller: str) -> Any:

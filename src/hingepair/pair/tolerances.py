@@ -24,10 +24,6 @@ that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same
 STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "home_std")
 """The arguments that say how far each part of the geometry scatters."""
 
-_MAX_COVARIANCE_DEFECT_TO_LARGEST_VARIANCE = (
-    1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
@@ -181,8 +177,8 @@ def sample_pairs(
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
     """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
-    or if it is None, that of independent standard deviations, which are the keyword arguments u1_std, u2_std,
-    axis_std and home_std. Raise ArgumentError if both are given, or if all standard deviations are 0.
+    or if it is None, the covariance of independent deviations, whose standard deviations are the keyword arguments
+    u1_std, u2_std, axis_std and home_std. Raise ArgumentError if both are given, or if all standard deviations are 0.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
@@ -228,7 +224,7 @@ def _checked_covariance(value: ArrayLike) -> Float64Array:
     """
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
-    allowed = _MAX_COVARIANCE_DEFECT_TO_LARGEST_VARIANCE * largest
+    allowed = 1e-9 * largest  # by which rounding may make a covariance asymmetric, and an eigenvalue negative
     if not largest > 0 or np.abs(matrix - matrix.T).max() > allowed or np.linalg.eigvalsh(matrix).min() < -allowed:
         expected = "a covariance: a symmetric matrix whose eigenvalues are not negative and not all 0"
         raise ArgumentError("covariance", expected, "another matrix")
