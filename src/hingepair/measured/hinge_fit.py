@@ -94,7 +94,7 @@ class HingeFit(Shown):
         pair: the hinge.
         psi: hinge angle [rad]; shape (N,), NaN where a pose is missing. The first angle is in [-pi, pi], and there
             are no jumps by 2 pi between samples.
-        psi_range: smallest and largest psi of the samples that are not outliers [rad].
+        psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad].
         covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
             (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes)
             [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The matrix has rank

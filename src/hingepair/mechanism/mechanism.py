@@ -102,8 +102,8 @@ class Mechanism(MechanismMethods):
         snap: float | None = None,
     ) -> Mechanism:
         """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
-        `locked` is a dict whose keys are names of joints; each of these joints is held at the position that is its
-        value. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
+        `locked` is a dict whose keys are names of joints and whose values are the positions at which these joints are
+        held. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
         Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
         does not exist.
 
@@ -139,9 +139,9 @@ class Mechanism(MechanismMethods):
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
         """Return the robot of a Pinocchio model, such as a model that Pinocchio has read from MJCF, as a Mechanism.
-        `base` is "fixed", "free" or None (as in the model). `locked` is a dict whose keys are names of joints; each
-        of these joints is held at the position that is its value. Issue a DynamicsWarning if a joint is locked beyond
-        its limits, or if the model's gravity is not (0, 0, -9.81), the default of the methods.
+        `base` is "fixed", "free" or None (as in the model). `locked` is a dict whose keys are names of joints and
+        whose values are the positions at which these joints are held. Issue a DynamicsWarning if a joint is locked
+        beyond its limits, or if the model's gravity is not (0, 0, -9.81), the default of the methods.
 
         The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
@@ -152,10 +152,10 @@ class Mechanism(MechanismMethods):
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
-                order. The joint at its root may be a free-flyer. The robot's q is Pinocchio's q with two exceptions.
-                The seven numbers of a free-flyer are left out; the argument `base_motion` of the methods gives the
-                pose of the base. For a continuous joint, Pinocchio's q holds the cosine and the sine of the angle,
-                and the robot's q holds the angle.
+                order. The joint at its root may be a free-flyer; links that are fixed to the world are then left out.
+                The robot's q is Pinocchio's q with two exceptions. The seven numbers of a free-flyer are left out;
+                the argument `base_motion` of the methods gives the pose of the base. For a continuous joint,
+                Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds the angle.
             base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.
             locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have
                 no coordinate in the robot's q.

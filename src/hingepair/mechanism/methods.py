@@ -129,8 +129,8 @@ class MechanismMethods(Shown):
             qd: first time derivatives of q, in one of the forms of q.
             qdd: second time derivatives of q, in one of the forms of q; they need qd.
             frames: names of links, joints or added frames. By default, they are `robot.tips`, the last link of every
-                branch. A name that a joint and a link share means the link. The frame of a joint moves with the link
-                behind the joint.
+                branch. A name that a joint and a link share means the link. As in URDF, the frame of a joint moves
+                with the joint's child link.
             outputs: names of the outputs to compute, out of R (position of the frame's origin), S (rotation matrix
                 from frame axes to world axes), d (vector from the base's reference point to R), v (velocity of the
                 frame's origin), omega, a and alpha. By default, all outputs are computed for which the coordinates
@@ -220,10 +220,11 @@ class MechanismMethods(Shown):
         is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an array
         `out` is given, the bias is written into it.
 
-        J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin, alpha is
-        the angular acceleration, and both are in world axes. If the base is "fixed", the bias includes the effect of
-        the velocities and accelerations of `base_motion`; if it is "free", only S and omega of `base_motion` are
-        used. `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
+        J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
+        alpha is the angular acceleration [rad/s^2], and both are in world axes. If the base is "fixed", the bias
+        includes the effect of the velocities and accelerations of `base_motion`; if it is "free", only S and omega of
+        `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as for
+        `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -550,8 +551,8 @@ class MechanismMethods(Shown):
         None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
         inertia was not given or is physically impossible.
 
-        The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, R is zero.
-        The centre of mass of a single body is `Body.center_of_mass`.
+        The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, the base is
+        at the origin of the world. The centre of mass of a single body is `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp

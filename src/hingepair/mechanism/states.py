@@ -204,9 +204,9 @@ def _rebuild_joint_results(
 
 class MechanismForces(JointResults):
     """Forces and torques that a motion of a robot requires. tau are the torques of hinges [N m] and the forces of
-    sliders [N] in the order of q, shape (..., dof). force1 is the force on the base at R1, the reference point of the
-    base [N], and torque1 is the torque on the base about R1 [N m], in world axes, shape (..., 3) each. Outputs that
-    were not computed are None.
+    sliders [N] in the order of q, shape (..., dof). force1 is the force [N] on the base at the base's reference point
+    R1, and torque1 is the torque [N m] on the base about R1, in world axes, shape (..., 3) each. Outputs that were
+    not computed are None.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

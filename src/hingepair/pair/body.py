@@ -37,7 +37,8 @@ def warn_of_dynamics(message: str) -> None:
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
     """A solid box, one of the shapes of a body, given by the lengths of its edges (`size`), its `center` and the
-    directions of its edges (`axes`). The shapes of a body are drawn, and determine an inertia that is not given.
+    directions of its edges (`axes`). Viewers draw the shapes of a body. If the body's inertia is not given, it is
+    computed from the shapes.
 
     Args:
         size: lengths of the three edges [m], each above zero; shape (3,).
@@ -76,8 +77,8 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. The shapes
-    of a body are drawn, and determine an inertia that is not given.
+    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. Viewers
+    draw the shapes of a body. If the body's inertia is not given, it is computed from the shapes.
 
     Args:
         radius: radius of the cylinder, above zero [m].
@@ -118,8 +119,8 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. The shapes of a body are
-    drawn, and determine an inertia that is not given.
+    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. Viewers draw the shapes of a
+    body. If the body's inertia is not given, it is computed from the shapes.
 
     Args:
         radius: radius of the sphere, above zero [m].
@@ -162,9 +163,9 @@ class Body(Frozen):
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
-            and the inertia is used as given. If no inertia is given, it is computed from the mass and the shapes,
-            about the centre of mass of the shapes, even if `center_of_mass` is another point. If there are no shapes
-            either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
+            and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
+            of mass is used, scaled to the mass. It is not changed if `center_of_mass` is another point. If there are
+            no shapes either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
             `DynamicsWarning`.
         shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine it,
             and also the centre of mass unless this is given. All shapes then have the same density, and the mass of a

@@ -100,8 +100,8 @@ class BodyMotion(Frozen):
         ROS). Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other
         arguments are the same as for BodyMotion.
 
-        In double precision, the rounding error of each element of S is at most 6 * 2^-53. Where a quaternion is not
-        finite, S is NaN.
+        In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
+        finite, its S is NaN.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).
@@ -139,8 +139,8 @@ class BodyMotion(Frozen):
         of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are the same as
         for BodyMotion.
 
-        In double precision, the rounding error of each element of S is at most 6 * 2^-53. Where a quaternion is not
-        finite, S is NaN.
+        In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
+        finite, its S is NaN.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).

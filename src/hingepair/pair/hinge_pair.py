@@ -230,16 +230,17 @@ class HingePair(Shown):
         stands for such a tuple. `outputs` are the names of the results that it computes.
 
         Args:
-            given: inputs of the Prepared object, in the order in which each call passes them. One of these:
+            given: names of the inputs, in the order in which each call passes them. Either a word:
 
-                - "pose", which means ("q",); "velocity", for ("q", "qd"); "acceleration", for ("q", "qd", "qdd");
-                - "inverse_dynamics", for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
-                - "forward_dynamics", for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque");
-                - a tuple of names out of q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid
-                  and psidd. Outputs that depend on the motion of both bodies, such as gap, take R2, S2, v2, omega2,
-                  a2 and alpha2 too. Forward dynamics takes the loads force1, torque1, hinge_torque, force2 and
-                  torque2 too. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the attitude
-                  of body 1. The letters in quat_xyzw and quat_wxyz are the order of the quaternion's components.
+                - "pose" stands for ("q",), "velocity" for ("q", "qd"), and "acceleration" for ("q", "qd", "qdd");
+                - "inverse_dynamics" stands for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
+                - "forward_dynamics" stands for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque").
+
+                Or a tuple of names. They can be q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1,
+                psi, psid and psidd; for outputs that depend on the motions of both bodies, such as gap, also R2, S2,
+                v2, omega2, a2 and alpha2; and for forward dynamics also the loads force1, torque1, hinge_torque,
+                force2 and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the
+                attitude of body 1. The letters in quat_xyzw and quat_wxyz are the order of the components.
             outputs: names of the outputs to compute, out of:
 
                 - the outputs of `forward_kinematics`;
@@ -512,10 +513,10 @@ class HingePair(Shown):
             psi: hinge angle [rad]; shape (...,).
             psid: time derivative of psi [rad/s]; shape (...,).
             force1: force on body 1 at R1, world axes [N]; shape (..., 3).
-            torque1: torque on body 1 in addition to that force, world axes [N m]; shape (..., 3).
+            torque1: torque on body 1 about R1, world axes [N m]; shape (..., 3).
             hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]; shape (...,).
             force2: force on body 2 at R2, world axes [N]; shape (..., 3).
-            torque2: torque on body 2 in addition to that force, world axes [N m]; shape (..., 3).
+            torque2: torque on body 2 about R2, world axes [N m]; shape (..., 3).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
@@ -570,10 +571,10 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The HingeWrench. Its attributes are the force [N] and the torque about the hinge point [N m], in world
-            axes, shape (..., 3). Two more attributes are the parts of the torque: hinge_torque, the component along
-            the hinge axis, shape (...,), and bearing_torque, the vector perpendicular to the axis, world axes, shape
-            (..., 3).
+            The HingeWrench. Its attributes force [N] and torque [N m] are in world axes, shape (..., 3). The torque
+            is about the hinge point. Two more attributes are the parts of the torque: hinge_torque, the component
+            along the hinge axis, shape (...,), and bearing_torque, the vector perpendicular to the axis, world axes,
+            shape (..., 3).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -684,10 +685,11 @@ class HingePair(Shown):
                 have v. tilt_acceleration is computed if both motions have omega and alpha, and gap_acceleration if
                 they also have v and a.
             tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
-                gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The gap
-                is the distance between the hinge points of both bodies. The tilt is the angle between their hinge
-                axes, in [0, pi]. A key that is missing has the default tolerance, which covers rounding errors: 32 u
-                times a scale. u is 2^-53 in double precision, and the report prints the formula of the scale.
+                gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The size
+                of the gap is the distance between the hinge points of both bodies. The size of the tilt is the angle
+                between their hinge axes, in [0, pi]. Residuals without a key have the default tolerance, which covers
+                rounding errors: 32 u times a scale. u is 2^-53 in double precision, and the report prints the formula
+                of the scale.
             t: instants of the samples, numbers or datetime64; broadcasts against the samples. The report states the
                 instant of the worst sample of each residual.
 
@@ -835,7 +837,8 @@ class HingePair(Shown):
 
         Returns:
             The Sensitivities. Each derivative is an attribute in world axes: d_by_u1, shape (..., 3, 3), is the
-            derivative of d with respect to u1, and element [..., i, j] the derivative of d[i] with respect to u1[j].
+            derivative of d with respect to u1; its element [..., i, j] is the derivative of d[i] with respect to
+            u1[j].
             Derivatives with respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi
             has shape (..., 3, 3). The page of `Sensitivities` lists all of them with their units.
 
