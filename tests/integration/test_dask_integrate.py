@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.states import generator
 
 pytest.importorskip("dask.array", reason="the extra dask is not installed")
 
@@ -19,20 +18,12 @@ import dask.array as da
 import xarray as xr
 
 from support.lazy import computed, refusing_scheduler
+from support.many_motions import ERROR_NAMES, FLAT, PAIR, SPATIAL_NAMES, many_motions
 
-PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
-FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
 COUNT, MOTIONS, CHUNK = 24, 5, 2
 CHUNKS = (2, 2, 1)
 T = np.linspace(0, 1, COUNT)
-RANDOM = generator(710)
-OMEGA1 = RANDOM.normal(size=(MOTIONS, 1, 3)) * np.sin(T[:, None] * (1, 2, 3) + 1)
-PSID = RANDOM.normal(size=(MOTIONS, 1)) * np.cos(T)
-R1, V1 = RANDOM.normal(size=(2, MOTIONS, COUNT, 3))
-S1_0 = hp.rotation_exp(RANDOM.normal(size=(MOTIONS, 3)))
-PSI_0 = RANDOM.normal(size=MOTIONS)
-NAMES = ("quat_wxyz", "quat_xyzw", "psi", "R1", "S1", "R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
-ERROR_NAMES = ("error_estimate", "psi_error_estimate", "steps")
+OMEGA1, PSID, R1, V1, S1_0, PSI_0 = many_motions(710, MOTIONS, T)
 
 
 nothing_is_computed = pytest.fixture(autouse=True)(refusing_scheduler)
@@ -66,7 +57,7 @@ def test_lazy_motions_are_those_of_arrays_in_memory(name):
     lazy = hp.integrate(PAIR, T, **{key: lazily(value) for key, value in arguments.items()})
     plain = hp.integrate(PAIR, T, **arguments)
     assert lazy.motions == plain.motions == (MOTIONS,)
-    for key in (*NAMES, *ERROR_NAMES):
+    for key in (*SPATIAL_NAMES, *ERROR_NAMES):
         expected, array = getattr(plain, key), getattr(lazy, key)
         if expected is None:
             assert array is None
@@ -98,7 +89,7 @@ def test_compute_returns_the_trajectory_in_memory():
     assert repr(whole) == repr(lazy).replace("not computed", steps).replace(
         "0..1,", f"0..1, error_estimate={estimate},"
     )
-    for key in (*NAMES, *ERROR_NAMES):
+    for key in (*SPATIAL_NAMES, *ERROR_NAMES):
         assert type(getattr(whole, key)) is type(getattr(plain, key))
         np.testing.assert_array_equal(getattr(whole, key), getattr(plain, key))
     assert not any(array.flags.writeable for array in (whole.psi, whole.R2, whole.steps, whole.quat_wxyz))

@@ -9,20 +9,11 @@ import pytest
 
 import hingepair as hp
 from hingepair.integration import integrate, stepping
-from support.states import generator
+from support.many_motions import ERROR_NAMES, FLAT, PAIR, SPATIAL_NAMES, many_motions
 
-PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
-FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
 COUNT, MOTIONS = 70, 3
 T = np.linspace(0, 1, COUNT)
-RANDOM = generator(700)
-OMEGA1 = RANDOM.normal(size=(MOTIONS, 1, 3)) * np.sin(T[:, None] * (1, 2, 3) + 1)
-PSID = RANDOM.normal(size=(MOTIONS, 1)) * np.cos(T)
-R1, V1 = RANDOM.normal(size=(2, MOTIONS, COUNT, 3))
-S1_0 = hp.rotation_exp(RANDOM.normal(size=(MOTIONS, 3)))
-PSI_0 = RANDOM.normal(size=MOTIONS)
-SPATIAL_NAMES = ("quat_wxyz", "quat_xyzw", "psi", "R1", "S1", "R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
-ERROR_NAMES = ("error_estimate", "psi_error_estimate", "steps")
+OMEGA1, PSID, R1, V1, S1_0, PSI_0 = many_motions(700, MOTIONS, T)
 
 
 def one_of(pair, arguments: dict, index: int) -> dict:
