@@ -293,7 +293,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
             content = stream.read(MAX_TABLE_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise SceneError(file, "a scene file that can be read", reason) from None
+        raise SceneError(file, "a scene or sweep file that can be read", reason) from None
     if Path(name).suffix.lower() in RESULT_SUFFIXES:
         expected = f"a scene file (TOML), which names a log by [motion] file = {Path(name).name!r}"
         raise SceneError(file, expected, "a log")
