@@ -1,4 +1,4 @@
-"""The accuracy contract on many states: 5,000 a backend and dtype in 60 digits, millions in extended precision."""
+"""The accuracy contract on many states: 2,000 a backend and dtype in 60 digits, millions in extended precision."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import extended, reference, states
 from support.reference import BOUNDS, ORDINARY, OUTPUTS
 
-pytestmark = pytest.mark.usefixtures("each_backend")
+BACKENDS = ("numpy", "compiled")
 
 
 def require(truth, found, ledger, way, bounds):
@@ -46,25 +46,27 @@ def many(request):
     return dtype, by_angles, by_attitude
 
 
-@pytest.mark.slow(6)
+@pytest.mark.slow(60)
 def test_two_thousand_states(many, ledger):
+    """Both backends in one test: most of its time computes the truth."""
     dtype, by_angles, by_attitude = many
     name = np.dtype(dtype).name
     count = 0
-    for (u1, u2, n, home), motion, sequence, truth in by_angles:
-        pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
-        state = pair.forward_kinematics(*motion, sequence=sequence, outputs=OUTPUTS)
-        assert state.R2.dtype == dtype
-        require(truth, outputs_of(state), ledger, f"angles {name[5:]}", ORDINARY)
-        count += len(motion[0])
-    for (u1, u2, n, home), pieces, hinge, truth in by_attitude:
-        pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
-        body1 = hp.BodyMotion(**dict(zip(("R", "S", "v", "omega", "a", "alpha"), pieces, strict=True)))
-        state = pair.forward_kinematics_from_body1(body1, *hinge, outputs=OUTPUTS)
-        assert state.R2.dtype == dtype
-        require(truth, outputs_of(state), ledger, f"given {name[5:]}", ORDINARY)
-        count += len(hinge[0])
-    assert count == 2000
+    for backend in BACKENDS:
+        for (u1, u2, n, home), motion, sequence, truth in by_angles:
+            pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
+            state = pair.forward_kinematics(*motion, sequence=sequence, outputs=OUTPUTS, backend=backend)
+            assert state.R2.dtype == dtype
+            require(truth, outputs_of(state), ledger, f"angles {name[5:]} {backend}", ORDINARY)
+            count += len(motion[0])
+        for (u1, u2, n, home), pieces, hinge, truth in by_attitude:
+            pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
+            body1 = hp.BodyMotion(**dict(zip(("R", "S", "v", "omega", "a", "alpha"), pieces, strict=True)))
+            state = pair.forward_kinematics_from_body1(body1, *hinge, outputs=OUTPUTS, backend=backend)
+            assert state.R2.dtype == dtype
+            require(truth, outputs_of(state), ledger, f"given {name[5:]} {backend}", ORDINARY)
+            count += len(hinge[0])
+    assert count == 2000 * len(BACKENDS)
 
 
 def _plain(rng, count):
@@ -94,11 +96,11 @@ def _sparse(rng, count):
 KINDS = {"plain": _plain, "hinge alone": _hinge_alone, "sparse": _sparse}
 
 
-def errors(constants, motion, outputs):
-    """The errors of each output, and the pair's own way of computing it."""
+def errors(truth, constants, motion, outputs, backend):
+    """The errors of each output, in units of u * scale."""
     u1, u2, n, home = constants
-    truth = extended.Extended(constants, *motion)
-    state = hp.HingePair(u1=u1, u2=u2, n=n, home=home).forward_kinematics(*motion, outputs=outputs)
+    pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
+    state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
     return {name: truth.errors(name, np.asarray(getattr(state, name))) for name in outputs}
 
 
@@ -118,26 +120,31 @@ def test_the_two_oracles_agree():
                 assert float(gap.max()) <= 0.1 * 2.0**-53 * truth.scales[name][i], name
 
 
-@pytest.mark.slow(5)
+@pytest.mark.slow(50)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_million_states(kind, ledger):
+    """Both backends in one test: most of its time computes the truth."""
     assert extended.WIDE, "this test needs a long double of 64 bits"
     for k in range(100):
         constants, motion = KINDS[kind](states.generator(17, k), 4000)
-        for name, found in errors(constants, motion, OUTPUTS).items():
-            worst = ledger(f"{kind}, 1e6", name, found)
-            assert worst <= BOUNDS[name], name
+        truth = extended.Extended(constants, *motion)
+        for backend in BACKENDS:
+            for name, found in errors(truth, constants, motion, OUTPUTS, backend).items():
+                worst = ledger(f"{kind}, 1e6 {backend}", name, found)
+                assert worst <= BOUNDS[name], (name, backend)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_states_that_are_searched_for(kind, output, ledger):
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_states_that_are_searched_for(backend, kind, output, ledger):
     """The worst of many states, varied again and again: a bound for every state must outlast the search."""
     rng = states.generator(18)
     constants, motion = KINDS[kind](rng, 4000)
     for _ in range(15):
-        found = errors(constants, motion, (output,))[output]
+        truth = extended.Extended(constants, *motion)
+        found = errors(truth, constants, motion, (output,), backend)[output]
         worst = ledger("searched", output, found)
         assert worst <= PROMISED_BOUND_BY_OUTPUT[output].proved
         assert worst <= 1.5 * PROMISED_BOUND_BY_OUTPUT[output].seen  # half as much again would be news

@@ -33,6 +33,7 @@ class Extended:
         angles = [(self.q[i], self.qd[i], self.qdd[i] / 2) for i in range(3, 7)]
         self.turns = [_turn(axis, *angles[axis]) for axis in (2, 1, 0)]
         self.hinge = _turn(n / np.sqrt((n * n).sum(axis=0)), *angles[3])
+        self.values = {}
 
     @cached_property
     def d(self):
@@ -62,8 +63,10 @@ class Extended:
     }
 
     def value(self, name):
-        """An output, longdouble (N, ...)."""
-        return np.moveaxis(self.WAYS[name](self), -1, 0)
+        """An output, longdouble (N, ...); computed once."""
+        if name not in self.values:
+            self.values[name] = np.moveaxis(self.WAYS[name](self), -1, 0)
+        return self.values[name]
 
     def errors(self, name, got):
         """The largest component's error of each sample in units of u * scale; inf where got is not finite."""

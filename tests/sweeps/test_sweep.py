@@ -385,7 +385,7 @@ def test_the_command_says_what_it_wrote(monkeypatch, capsys):
 
 
 REFUSED = {
-    "no_scene": ('scene = "arm.toml"', 'scene = "leg.toml"', "leg.toml: expected a scene or sweep file that can be read"),
+    "no_scene": ('scene = "arm.toml"', 'scene = "leg.toml"', "leg.toml: expected a scene or sweep file"),
     "unknown_key": ("chunk = 4", "chunks = 4", "grid.toml: chunks: expected one of title, scene"),
     "no_number": ("pair.u1[1]", "pair.u3[1]", "vary[0].key: expected"),
     "no_place": ("pair.u1[1]", "pair.u1[3]", "vary[0].key: expected a place in a list: there is a list of 3"),
