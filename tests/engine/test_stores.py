@@ -11,7 +11,7 @@ from hingepair.engine import binding, llvm_arithmetic, llvm_ir
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT
-from hingepair.engine.llvm_memory import MAX_COMPONENTS_OF_STREAMED_OUTPUT, WIDE_OUTPUT_COMPONENTS_PER_PANEL
+from hingepair.engine.llvm_memory import MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES, WIDE_OUTPUT_COMPONENTS_PER_PANEL
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -26,7 +26,7 @@ FAST_WIDTHS = {
     MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1,
     24,
     WIDE_OUTPUT_COMPONENTS_PER_PANEL + 3,
-    MAX_COMPONENTS_OF_STREAMED_OUTPUT + 1,
+    MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES + 1,
 }
 WIDTHS = sorted(
     {
@@ -36,7 +36,7 @@ WIDTHS = sorted(
         WIDE_OUTPUT_COMPONENTS_PER_PANEL,
         2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL + 5,
         300,
-        MAX_COMPONENTS_OF_STREAMED_OUTPUT,
+        MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES,
         600,
     }
 )
@@ -45,7 +45,7 @@ SHIFTS = (0, 8, 16, 32, 56)
 
 @pytest.fixture(params=LEAST_BYTES)
 def stores(request, monkeypatch):
-    monkeypatch.setattr(llvm_ir, "MIN_OUTPUT_BYTES_TO_STREAM", LEAST_BYTES[request.param])
+    monkeypatch.setattr(llvm_ir, "MIN_OUTPUT_BYTES_FOR_STREAMING_STORES", LEAST_BYTES[request.param])
     return request.param
 
 
@@ -105,7 +105,7 @@ CUTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", CUTS.values(), ids=CUTS)
-@pytest.mark.parametrize("width", [2, 36, 2 * MAX_COMPONENTS_OF_STREAMED_OUTPUT + 20])
+@pytest.mark.parametrize("width", [2, 36, 2 * MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES + 20])
 def test_outputs_of_any_layout(cut, width, stores):
     for shift in (0, 16):
         shape = (3, 8, 17, width)
@@ -160,7 +160,7 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS", most)
+    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS", most)
     count = MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1
 
     def function(v):

@@ -377,7 +377,7 @@ def test_what_prepared_dynamics_lacks_is_named():
 @pytest.mark.parametrize("price", [0.0, 1.0], ids=["python", "compiled"])
 def test_one_state_however_it_lies(price, monkeypatch):
     """0-d angles, foreign byte order, strides, another gravity; by generated Python, and by a kernel."""
-    monkeypatch.setattr(backend, "_PYTHON_SECONDS_OVER_KERNEL_PER_OPERATION", price)
+    monkeypatch.setattr(backend, "_PYTHON_SECONDS_BEYOND_KERNEL_PER_OPERATION", price)
     rng = generator(29)
     pair, body1 = massive(rng), moving(rng, 2)
     psi, psid, psidd = rng.normal(size=(3, 2))

@@ -23,9 +23,9 @@ _SHARED_CODE_COMPILE_SECONDS = (
 _COMPILE_SECONDS_PER_KERNEL = 0.025  # for each kernel
 _COMPILE_SECONDS_PER_OPERATION = 5e-5  # for each operation of a kernel
 # Seconds that an operation takes without a kernel beyond the time that it takes with one.
-_NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_CALL = 4.5e-7  # for each call by NumPy
-_NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_SAMPLE = 7.5e-10  # for each sample of a call by NumPy
-_PYTHON_SECONDS_OVER_KERNEL_PER_OPERATION = 1.5e-8  # for one state in Python
+_NUMPY_SECONDS_BEYOND_KERNEL_PER_OPERATION_AND_CALL = 4.5e-7  # for each call by NumPy
+_NUMPY_SECONDS_BEYOND_KERNEL_PER_OPERATION_AND_SAMPLE = 7.5e-10  # for each sample of a call by NumPy
+_PYTHON_SECONDS_BEYOND_KERNEL_PER_OPERATION = 1.5e-8  # for one state in Python
 
 _compiles_at_first_call: ContextVar[bool] = ContextVar("_compiles_at_first_call", default=False)
 _kernels_disabled = False
@@ -122,8 +122,8 @@ class BreakEvenCounter:
             chain_length: number of samples of each chain of a scan, which NumPy computes one after the other.
         """
         seconds = (
-            chain_length * _NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_CALL
-            + samples * _NUMPY_SECONDS_OVER_KERNEL_PER_OPERATION_AND_SAMPLE
+            chain_length * _NUMPY_SECONDS_BEYOND_KERNEL_PER_OPERATION_AND_CALL
+            + samples * _NUMPY_SECONDS_BEYOND_KERNEL_PER_OPERATION_AND_SAMPLE
         )
         self.seconds_without_kernel += self.operations_and_stores * seconds
         return self._kernel_pays()
@@ -132,7 +132,7 @@ class BreakEvenCounter:
         """Add the estimated loss of one call for a single state in Python, and return whether compiling a kernel pays
         from now on.
         """
-        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_SECONDS_OVER_KERNEL_PER_OPERATION
+        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_SECONDS_BEYOND_KERNEL_PER_OPERATION
         return self._kernel_pays()
 
     def _kernel_pays(self) -> bool:

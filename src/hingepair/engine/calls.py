@@ -37,7 +37,7 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 
 _FLOAT64_DTYPE: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
 
-_MIN_OPERATIONS_TO_RELEASE_GIL: Final = 100_000
+_MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL: Final = 100_000
 """Number of operations, about 20 us of work, from which a call releases the interpreter's lock."""
 
 
@@ -150,7 +150,9 @@ class Call:
             [sample_shape for _, sample_shape in self.loop.outputs],
             has_constants=bool(self._constant_numbers),
             kernel_address=kernel.address,
-            min_unlocked_samples=-(-_MIN_OPERATIONS_TO_RELEASE_GIL // max(self.program.weighted_operations, 1)),
+            min_unlocked_samples=-(
+                -_MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL // max(self.program.weighted_operations, 1)
+            ),
         )
         self._kernel_function = array_call(kernel, layout)
         self.fast_path = self._make_kernel_path(self._kernel_function)

@@ -22,7 +22,7 @@ MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS: Final = 16
 """Largest number of components of an output array that is assembled in registers, and of those that are needed of an
 input array that is loaded into registers."""
 
-MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS: Final = 256
+MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS: Final = 256
 """Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
 
 More of them are stored as single numbers, so that they leave space in the first-level cache. Processors with few
@@ -284,7 +284,11 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = len(used) > MAX_UNIFORM_COMPONENTS_STORED_AS_VECTORS and not group.varies and self.carry is None
+            many = (
+                len(used) > MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS
+                and not group.varies
+                and self.carry is None
+            )
             shared = used if many else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
@@ -525,11 +529,11 @@ class Arithmetic:
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
-        whole = len(parts) // LANE_COUNT * LANE_COUNT
-        blocks = [f.transpose(self.vector, parts[k : k + LANE_COUNT]) for k in range(0, whole, LANE_COUNT)]
+        blocked_count = len(parts) // LANE_COUNT * LANE_COUNT
+        blocks = [f.transpose(self.vector, parts[k : k + LANE_COUNT]) for k in range(0, blocked_count, LANE_COUNT)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
         for first in range(0, LANE_COUNT * len(parts), LANE_COUNT):
-            piece = self._pack_numbers(samples, parts[whole:], len(parts), first)
+            piece = self._pack_numbers(samples, parts[blocked_count:], len(parts), first)
             f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
     def _pack_numbers(

@@ -16,9 +16,9 @@ def float_type_name(single: bool) -> str:
     return "float" if single else "double"
 
 
-def shared_name(function: str, float_type: str) -> str:
+def shared_name(function_name: str, float_type: str) -> str:
     """Return the linker symbol of a function that kernels share, for numbers of type "double" or "float"."""
-    return f"@hingepair.{function}.{float_type}"
+    return f"@hingepair.{function_name}.{float_type}"
 
 
 def hexadecimal(number: float) -> str:

@@ -26,7 +26,7 @@ from typing import Final
 from hingepair.engine.llvm_arithmetic import Arithmetic, Carry, ComponentGroup, KernelStep
 from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT, FunctionBuilder, float_type_name, shared_name
 from hingepair.engine.llvm_memory import (
-    MAX_COMPONENTS_OF_STREAMED_OUTPUT,
+    MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES,
     PREFETCH_DISTANCE_SAMPLES,
     WIDE_OUTPUT_COMPONENTS_PER_PANEL,
 )
@@ -41,7 +41,7 @@ _LLVM_INTRINSIC_DECLARATIONS: Final = (
 INTEGERS_PER_KERNEL_TABLE_ROW: Final = 4
 """Number of integers in a row of the kernel's table."""
 
-MIN_OUTPUT_BYTES_TO_STREAM: Final = 2**21
+MIN_OUTPUT_BYTES_FOR_STREAMING_STORES: Final = 2**21
 """Size of an output from which it is written by streaming stores, past the caches."""
 
 
@@ -105,11 +105,11 @@ class _KernelBuilder:
         self.tables.append(f"{name} = internal constant [{len(numbers)} x i32] [{listed}]")
         return name
 
-    def call_shared(self, function: str, *arguments: str) -> None:
+    def call_shared(self, function_name: str, *arguments: str) -> None:
         """Append the call of a shared function, given by its short name. Its arguments, LLVM IR text, are the further
         positional arguments.
         """
-        self.f.do(f"call void {shared_name(function, self.arithmetic.float_type)}({', '.join(arguments)})")
+        self.f.do(f"call void {shared_name(function_name, self.arithmetic.float_type)}({', '.join(arguments)})")
 
     def write_kernel(self) -> None:
         """Append all instructions of the kernel function: the loops over outer and inner samples, and the final fence
@@ -353,12 +353,16 @@ class _OutputWriter:
             side_by_side = f.put(f"icmp eq i64 {self.step}, {self.number_bytes}")
             self.dense = f.put(f"and i1 {joined}, {side_by_side}") if self.count > 1 else joined
         staged = (
-            self.count if self.count <= MAX_COMPONENTS_OF_STREAMED_OUTPUT else 2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL
+            self.count
+            if self.count <= MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES
+            else 2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL
         )
         if not self.group.narrow:
             self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
-            if not kernel.scan and self.count <= MAX_COMPONENTS_OF_STREAMED_OUTPUT:
-                large = f.put(f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_OUTPUT_BYTES_TO_STREAM}")
+            if not kernel.scan and self.count <= MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES:
+                large = f.put(
+                    f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_OUTPUT_BYTES_FOR_STREAMING_STORES}"
+                )
                 odd = f.put(f"and i64 {f.put(f'or i64 {self.address}, {self.outer}')}, {self.number_bytes - 1}")
                 aligned = f.put(f"icmp eq i64 {odd}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
@@ -378,11 +382,11 @@ class _OutputWriter:
         """Append the computation of the address of an inner sample, and return the name of the address."""
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
-    def set_row_address(self, to: str) -> None:
+    def set_row_address(self, address: str) -> None:
         """Append the store of the address to which the steps write the rows of a block. `to` is the name of the
         address.
         """
-        self.f.do(f"store ptr {to}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
+        self.f.do(f"store ptr {address}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
     def begin_samples(self, inner_index: str, samples_left: str) -> None:
         """Append the choice of where the rows of the block at `inner_index` are written: into the output, or first
@@ -419,7 +423,7 @@ class _OutputWriter:
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"
-        if self.count > MAX_COMPONENTS_OF_STREAMED_OUTPUT:
+        if self.count > MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES:
             with f.when_else(self.direct) as otherwise:
                 self.write_rows(self.to, "false")
                 otherwise()

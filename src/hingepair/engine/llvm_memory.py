@@ -22,7 +22,7 @@ PREFETCH_DISTANCE_SAMPLES: Final = 2 * LANE_COUNT
 WIDE_OUTPUT_COMPONENTS_PER_PANEL: Final = 64
 """Number of components of a very wide output that are staged at a time."""
 
-MAX_COMPONENTS_OF_STREAMED_OUTPUT: Final = 512
+MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES: Final = 512
 """Largest number of components of an output whose blocks have a stage (of 32 kB) and may be streamed."""
 
 _LLVM_CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
@@ -46,7 +46,7 @@ bytes between components, `rest` the number of remaining samples including the f
 """
 
 # Declarations of the functions of LLVM that the functions here call.
-_LLVM_MEMORY_DECLARATIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
+_LLVM_DECLARATIONS_FOR_MEMORY_FUNCTIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 declare i64 @llvm.umin.i64(i64, i64)"""
 
 
@@ -64,7 +64,10 @@ def memory_functions(float_type: str) -> list[str]:
         _panels_function,
         _flush_function,
     )
-    return [_LLVM_MEMORY_DECLARATIONS, *(make(float_type, 8 if float_type == "double" else 4) for make in makers)]
+    return [
+        _LLVM_DECLARATIONS_FOR_MEMORY_FUNCTIONS,
+        *(make(float_type, 8 if float_type == "double" else 4) for make in makers),
+    ]
 
 
 def _begin_function(name: str, float_type: str) -> FunctionBuilder:

@@ -48,11 +48,16 @@ def sine_functions(float_type: str) -> list[str]:
     """Return a list of LLVM code, declarations and functions, that computes sine, cosine and 1 - cosine of vectors of
     type "double" or "float".
     """
-    return [_LLVM_SINE_DECLARATIONS, _constants_table(), _sines_function(float_type), _large_angles_function()]
+    return [
+        _LLVM_DECLARATIONS_FOR_SINE_FUNCTIONS,
+        _constants_table(),
+        _sines_function(float_type),
+        _large_angles_function(),
+    ]
 
 
 # Declarations of the functions that the generated sines call.
-_LLVM_SINE_DECLARATIONS: Final = f"""
+_LLVM_DECLARATIONS_FOR_SINE_FUNCTIONS: Final = f"""
 declare {DOUBLE_VECTOR_TYPE} @llvm.fma.v{LANE_COUNT}f64({", ".join(3 * [DOUBLE_VECTOR_TYPE])})
 declare {DOUBLE_VECTOR_TYPE} @llvm.fabs.v{LANE_COUNT}f64({DOUBLE_VECTOR_TYPE})
 declare double @llvm.fabs.f64(double)

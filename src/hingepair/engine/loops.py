@@ -515,8 +515,8 @@ class Program:
                 sample = [state[k] if k in state else array[..., j].astype(dtype) for k, array in enumerate(arrays)]
                 results = self.arrays_function(*constants, *sample)
                 for k, after in zip(carried, results[len(outputs) :], strict=True):
-                    whole = np.shape(after) == chains
-                    state[k] = after if whole else np.broadcast_to(np.asarray(after, dtype), chains)
+                    has_all_chains = np.shape(after) == chains
+                    state[k] = after if has_all_chains else np.broadcast_to(np.asarray(after, dtype), chains)
                 for output, result in zip(outputs, results, strict=False):
                     output[..., j] = result
 

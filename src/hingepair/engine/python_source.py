@@ -86,12 +86,12 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
     array library, which the library can differentiate. It returns a tuple.
     """
 
-    def library_or_float(function: str) -> Callable[..., Any]:
+    def library_or_float(numpy_name: str) -> Callable[..., Any]:
         """Return a function that calls a function of the library for arrays of the library, and NumPy's function for
         numbers; the latter returns a float. The argument is the function's NumPy name.
         """
-        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[function]
-        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(function, function))
+        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[numpy_name]
+        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(numpy_name, numpy_name))
 
         def call(*operands: Any) -> Any:
             return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))

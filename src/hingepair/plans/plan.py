@@ -28,17 +28,17 @@ from hingepair.plans.steps import (
     ATTITUDE2_STEP_WITHOUT_HOME,
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_STEPS,
-    COORDINATE_SPLIT_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
     JACOBIAN_AND_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
-    PART_NAMES_BY_COORDINATE_ARRAY,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_KINEMATICS_STEPS,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS,
     SPATIAL_COORDINATE_NAMES,
+    SPATIAL_COORDINATE_SPLIT_STEPS,
+    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
     Step,
     coordinate_jacobian_steps,
     same,
@@ -110,7 +110,7 @@ _LEVEL_BY_BODY2_OUTPUT_NAME = {
 }
 SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
-    PART_NAMES_BY_COORDINATE_ARRAY,
+    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
     _SPATIAL_SHAPE_BY_QUANTITY_NAME,
     {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
@@ -276,7 +276,7 @@ def all_steps(
     steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
-        *(COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
+        *(SPATIAL_COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
         *_spatial_steps(sequence, has_home, trig_functions),
     ]
     if not given_names:

@@ -29,7 +29,7 @@ class Step(NamedTuple):
 # Names of the components of q in space.
 SPATIAL_COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 # Names of the parts of the coordinates and their derivatives in space.
-PART_NAMES_BY_COORDINATE_ARRAY = {
+SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY = {
     "q": ("R1", "phi", "psi"),
     "qd": ("v1", "phid", "psid"),
     "qdd": ("a1", "phidd", "psidd"),
@@ -56,9 +56,9 @@ FILE_COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str
 """Names of the columns, in files and data frames, that hold q, qd and qdd, by the names of the coordinates."""
 
 # Steps to the parts of q, qd, qdd in space.
-COORDINATE_SPLIT_STEPS = tuple(
+SPATIAL_COORDINATE_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in PART_NAMES_BY_COORDINATE_ARRAY.items()
+    for name, parts in SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY.items()
     for part, place in zip(parts, (slice(0, 3), slice(3, 6), 6), strict=True)
 )
 PLANAR_COORDINATE_SPLIT_STEPS = tuple(

@@ -18,12 +18,12 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
-    COORDINATE_SPLIT_STEPS,
     FILE_COLUMN_NAMES_BY_COORDINATE_NAMES,
-    PART_NAMES_BY_COORDINATE_ARRAY,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
     SPATIAL_COORDINATE_NAMES,
+    SPATIAL_COORDINATE_SPLIT_STEPS,
+    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
 )
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
@@ -122,9 +122,9 @@ class MotionByCoordinates:
         """Return the names of the coordinates, and of groups of coordinates such as phi, that do not change, a
         frozenset. Only values stored as floats count as constant.
         """
-        derivative_by_part = dict(zip(PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
+        derivative_by_part = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
-        for part, take, (name,) in COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
+        for part, take, (name,) in SPATIAL_COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
             if name in derivative_by_part:
                 values[part] = take(derivative_by_part[name])
         return frozenset(name for name, value in values.items() if not _varies(value))
