@@ -203,7 +203,7 @@ ShapeAndStrides: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape an
 
 
 def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides, ...]:
-    """Return a tuple with the pair (shape, strides [bytes]) of each array, which `layout_of` takes."""
+    """Return a tuple with the pair (shape, strides [bytes]) of each array. `layout_of` takes this tuple."""
     return tuple((array.shape, array.strides) for array in arrays)
 
 

@@ -374,8 +374,8 @@ class Call:
         return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
 
     def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
-        """Copy `result`, the results of one state, into the arrays of `out`, and return a result that holds these
-        arrays. Raises an error if an array of `out` does not fit or overlaps another.
+        """Copy `result`, the results of one state, into the arrays of `out`, a dictionary by output name, and return
+        a result that holds these arrays. Raises an error if an array of `out` does not fit or overlaps another.
         """
         arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():

@@ -568,8 +568,9 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a long list of traced values into parts of about equal length; a short one is one part, an empty one
-    none. Return a list of pairs of a part and an empty list, which stands for the angles of a step.
+    """Split a list of traced values into parts of about equal length, one for each step. A list that is short enough
+    for one step is one part, an empty list none. Return a list of pairs of a part and an empty list, which stands for
+    the angles of a step.
     """
     count = (
         -(-len(lines) // _MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING)

@@ -57,7 +57,7 @@ class FunctionBuilder:
         return name
 
     def do(self, code: str) -> None:
-        """Append an instruction that has no value, such as a store or a branch."""
+        """Append an instruction that has no value, such as a store or a branch, given as LLVM IR (`code`)."""
         self._lines.append(f"  {code}")
 
     def begin_block(self, label: str) -> None:
@@ -145,7 +145,7 @@ class FunctionBuilder:
         return self.put(f"load {kind}, ptr {self.pointer_at(start, offset)}, align 8")
 
     def multiply(self, x: str, y: str | int) -> str:
-        """Append the product of two 64-bit integers, and return the name of the product."""
+        """Append the product of two 64-bit integers, given as names or digits, and return the name of the product."""
         return self.put(f"mul i64 {x}, {y}")
 
     def load_entry(self, table: str, k: str) -> str:

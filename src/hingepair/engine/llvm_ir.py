@@ -106,8 +106,8 @@ class _KernelBuilder:
         return name
 
     def call_shared(self, function_name: str, *arguments: str) -> None:
-        """Append the call of a shared function, given by its short name. Its arguments, LLVM IR text, are the further
-        positional arguments.
+        """Append to the kernel the call of a shared function, given by its short name. Its arguments, LLVM IR text,
+        are the further positional arguments.
         """
         self.f.do(f"call void {shared_name(function_name, self.arithmetic.float_type)}({', '.join(arguments)})")
 
@@ -193,7 +193,9 @@ class _KernelBuilder:
             writer.write_samples()
 
     def call_steps(self, steps: Sequence[KernelStep]) -> None:
-        """Append the calls that run steps in order: their own functions, or the shared function `sines`."""
+        """Append to the kernel calls of the steps in order. A step of arithmetic has an LLVM function of its own; a
+        step of sines is a call of the shared function `sines`.
+        """
         for step in steps:
             if step.angles:
                 slots, first = self.arithmetic.sine_slots(step)
@@ -231,8 +233,8 @@ class _InputReader:
         self.shared, self.shared_slot = kernel.arithmetic.input_scalars[index]
 
     def prefetch_offsets(self) -> list[str]:
-        """Append the computation of the byte offsets of the cache lines to prefetch for a block, and return the list
-        of their names.
+        """Append to the kernel the computation of the byte offsets of the cache lines that are prefetched for a block
+        of eight samples, and return the list of the names of the offsets.
 
         For an input stored in rows these are all lines of eight samples, or only those that hold needed components if
         these are fewer; for an input stored in columns, one line of each needed component.
@@ -383,8 +385,8 @@ class _OutputWriter:
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, address: str) -> None:
-        """Append the store of the address to which the steps write the rows of a block. `to` is the name of the
-        address.
+        """Append to the kernel the store of the address, given by its name, to which the steps write the rows of a
+        block.
         """
         self.f.do(f"store ptr {address}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 

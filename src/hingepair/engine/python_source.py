@@ -54,8 +54,8 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for Python floats. It returns a
-    tuple of floats and never raises an arithmetic error.
+    """Execute the source of the function with this name, and return the function for Python floats. The function
+    returns a tuple of floats and never raises an arithmetic error.
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
@@ -75,20 +75,20 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for NumPy arrays and numbers. It
-    returns a tuple of arrays.
+    """Execute the source of the function with this name, and return the function for NumPy arrays and numbers. The
+    function returns a tuple of arrays and numbers.
     """
     return _compile_function(name, source, _NUMPY_FUNCTION_BY_NAME)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
     """Execute the source of the function with this name, and return the function for numbers and arrays of another
-    array library, which the library can differentiate. It returns a tuple.
+    array library, which can differentiate the function. The function returns a tuple.
     """
 
     def library_or_float(numpy_name: str) -> Callable[..., Any]:
-        """Return a function that calls a function of the library for arrays of the library, and NumPy's function for
-        numbers; the latter returns a float. The argument is the function's NumPy name.
+        """Return a function that calls the library's function for arrays of the library, and NumPy's function for
+        numbers, whose result it converts to a float.
         """
         numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[numpy_name]
         arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(numpy_name, numpy_name))

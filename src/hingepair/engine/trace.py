@@ -135,9 +135,9 @@ class Trace:
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Return the traced value of an operation, whose operands are the further positional arguments: traced values
-        and numbers. The operation is recorded unless it has been recorded before; sums and products also count as
-        recorded with their operands swapped.
+        """Return the traced value of an operation, given by its name, such as "+" or "sqrt". The further positional
+        arguments are its operands: traced values and numbers. The operation is recorded unless it has been recorded
+        before; sums and products also count as recorded with their operands swapped.
         """
         key = (operation, *operands)
         value = self._recorded.get(key)
@@ -203,7 +203,7 @@ def hypotenuse(x: Any, y: Any) -> Any:
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
     """Return the value of `function`, a function of NumPy, at a and b. If one of them is a traced value, record the
-    operation with this name instead and return its traced result.
+    operation with the name `operation` instead and return its traced result.
     """
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)
@@ -239,8 +239,9 @@ def component_name(name: str, k: int, count: int) -> str:
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Set in place the names that the traced components of a value, a scalar or a tuple, have in generated code: from
-    `labels`, or from `name` and a suffix if that is None. Components that have a name, and negatives, are skipped.
+    """Set in place the names that the traced components of a value, a scalar or a tuple, have in generated code. The
+    names are `labels`, or `name` and a suffix if `labels` is None. Components that have a name, and negatives, are
+    skipped.
     """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):

@@ -210,7 +210,7 @@ def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -
 
 @functools.lru_cache(maxsize=1024)
 def plan_loop(plan: Plan) -> Loop:
-    """Return the `Loop` that runs a plan over samples, cached by plan."""
+    """Return the `Loop` that runs a plan over samples. The loop is cached by plan."""
     shapes = plan.kind.shapes
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))

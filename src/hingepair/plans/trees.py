@@ -219,7 +219,7 @@ class Computation:
 
     @property
     def _base_acceleration(self) -> eq.Rates:
-        """The accelerations (a1, alpha1) of the base; a1 is zero if it was not given."""
+        """Pair of the accelerations (a1, alpha1) of the base; a1 is zero if it was not given."""
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
@@ -424,7 +424,7 @@ class Computation:
 
     @functools.cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
-        """The eliminations of all joints, as a list, and the articulated inertia of the base (T5)."""
+        """Pair of the list of the eliminations of all joints and the articulated inertia of the base (T5)."""
         return eq.eliminate_joints(self.base, self.links, self.placements, _reciprocal)
 
     @functools.cached_property
@@ -512,7 +512,7 @@ class Computation:
 
     @functools.cached_property
     def centre_from_base(self) -> Vector:
-        """The vector from the base's reference point to the centre of mass, world axes."""
+        """Vector from the base's reference point to the centre of mass, world axes."""
         return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
 
     def centre_of_mass(self) -> Vector:
@@ -560,11 +560,11 @@ class Computation:
         return eq.body_momenta(self.base, self.links, self.velocities_in_own_axes)
 
     def kinetic(self) -> Scalar:
-        """Return the kinetic energy of the robot."""
+        """Return the kinetic energy of the robot [J]."""
         return eq.kinetic_energy(self.links, self.velocities_in_own_axes, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
-        """Return the potential energy of the robot, which is zero if the centre of mass is at the world's origin."""
+        """Return the potential energy of the robot [J]. It is zero if the centre of mass is at the world's origin."""
         mass, first, _ = self.composites[0]
         return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
 
@@ -734,8 +734,8 @@ _SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
 
 @functools.lru_cache(maxsize=512)
 def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
-    """Return a cached dictionary with the shape of one sample of each input that a request needs, the constants
-    first.
+    """Return a cached dictionary with the shape of one sample of each input that a request needs, by name, the
+    constants first. The dictionary must not be changed.
     """
     names = set()
     for output in request.outputs:
