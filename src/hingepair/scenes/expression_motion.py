@@ -57,7 +57,7 @@ class FunctionsOfTime:
 
     def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
         """Return (values, first derivatives, ...) at t up to `order`, each a tuple with one array or float per
-        function. Derivatives at a kink are those from the right.
+        function. At a kink, return the derivatives from the right.
         """
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
@@ -107,8 +107,8 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair at the instants `t` whose coordinates are `functions` of t, with body 1's Euler `sequence`.
-    `part` evaluates them at some of the instants.
+    """Motion of a pair at the instants `t`, whose coordinates are `functions` of t. `sequence` is the Euler sequence
+    of body 1. `part` evaluates the functions at some of the instants.
 
     Attributes:
         t: instants [s].
@@ -148,8 +148,8 @@ def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
     """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and their Euler
-    sequence, None in the plane. Raise a SceneError for keys other than these, `constants`, `sequence` and
-    `other_keys`.
+    sequence; it is None if `names` contains phi, the angle of a motion in the plane. Raise a SceneError for bad
+    values, and for keys other than `names`, `constants`, `sequence` (in space) and `other_keys`.
     """
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
@@ -157,9 +157,10 @@ def read_coordinate_functions(
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Return the Motion at instants t found by integrating (E12) the angular velocity omega1 and the hinge rate
-    psi_dot of a Table, which are functions of t like R1. `planar` True means a motion in the plane, where omega1 is
-    one function. Raise a SceneError for unknown keys and bad values.
+    """Return the Motion at the instants t found by integrating (E12) the angular velocity omega1 and the hinge rate
+    psi_dot of a Table. These and the position of body 1 are functions of t. `planar` True means a motion in the
+    plane, where omega1 is one function. Raise a SceneError for unknown keys and bad values, or if a tolerance that
+    the Table names is missed.
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))

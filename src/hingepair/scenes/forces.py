@@ -67,9 +67,10 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Return the SceneForces that a pair's Motion requires; `t` are all its instants. `gravity` is a vector, or None
-    for the motion's own gravity. `title` and `files` are the scene's title and input files. Raise an ArgumentError if
-    body 2 has no mass properties, the motion has no accelerations, or `gravity` is given for a simulated motion.
+    """Return the SceneForces that a pair's Motion requires; `t` are all its instants. `gravity` is a vector, with two
+    components in the plane, or None for the motion's own gravity. `title` and `files` are the scene's title and input
+    files. Raise an ArgumentError if body 2 has no mass properties, the motion has no accelerations, or `gravity` is
+    given for a simulated motion.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -106,10 +107,10 @@ def pair_scene_forces(
 def _required_forces(
     pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
 ) -> dict[str, NDArray[Any]]:
-    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, world axes.
+    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes.
     `body1_motion` is a MotionByBody1 with accelerations, `gravity` a vector of three floats. hinge_torque has shape
     (N,); bearing_torque, hinge_force, force1 and torque1 have shape (N, 3); the last two are left out if body 1 has
-    no mass properties.
+    no mass properties. Raise an ArgumentError if body 2 has none.
     """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
@@ -126,8 +127,8 @@ def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
     """Return the part of each required force that the applied loads on body 2 of a simulated motion supply, a dict of
-    arrays by name, world axes. `pair` is a HingePair, in the plane the converted one. The caller subtracts the part
-    from the required forces.
+    arrays by name, in world axes. `pair` is a HingePair, in the plane the converted one. The caller subtracts the
+    part from the required forces.
     """
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]

@@ -26,8 +26,8 @@ MAX_SCENE_SAMPLES: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class UniformInstants:
-    """Sequence of evenly spaced instants from `start` to `stop`, computed when indexed and not stored. Its values
-    equal those of `numpy.linspace` to the bit.
+    """Evenly spaced instants [s] from `start` to `stop`, which are not stored: an index, a slice or an array of
+    indices computes those that are needed. The values equal those of `numpy.linspace` to the bit.
 
     >>> UniformInstants(0.0, 1.0, 5)[1:3]
     array([0.25, 0.5 ])
@@ -59,8 +59,8 @@ Instants: TypeAlias = UniformInstants | Float64Array
 
 
 class SampledScene(Shown, abc.ABC):
-    """Abstract base of Scene and MechanismScene, with the instants of a scene, their selection in blocks or evenly
-    spread, and the units of outputs.
+    """Abstract base of Scene and MechanismScene. It has the instants of a scene, selects some of them, in blocks or
+    evenly spread, and knows the units of outputs.
     """
 
     __slots__ = ()
@@ -154,7 +154,7 @@ def read_instants_array(time: Table) -> Float64Array:
 
 def _read_sample_count(time: Table, key: str) -> int:
     """Return the number of samples under a key of [time] as an int. Raise a SceneError unless it is an integer from 1
-    to MAX_SCENE_SAMPLES.
+    to MAX_SCENE_SAMPLES; a float without a fraction, such as 1e6, counts as an integer.
     """
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():

@@ -32,7 +32,7 @@ def noise_rows(count: int) -> slice:
 
 
 def finite_rms(values: Float64Array) -> Float64Array:
-    """Return the root mean square of the finite values along the first axis, an array without that axis; NaN where no
+    """Return the root mean square of the finite values along the first axis, an array without that axis; NaN if no
     value is finite.
     """
     finite = np.isfinite(values)
@@ -42,8 +42,8 @@ def finite_rms(values: Float64Array) -> Float64Array:
 
 
 class LogNoise:
-    """Estimator of the noise in the samples of a log. Its methods add random noise of the estimated size to a motion
-    and store that size in `sizes`.
+    """Estimator of the noise in the samples of a log. Its methods return a motion with random noise of the estimated
+    size added, drawn from a fixed seed, and store that size in `sizes`.
 
     Args:
         t: instants; shape (N,) s.
@@ -79,8 +79,8 @@ class LogNoise:
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
     def _add_to_coordinates(self, motion: MotionByCoordinates) -> MotionByCoordinates:
-        """Return a copy of a MotionByCoordinates with random noise of the estimated size added to all coordinates and
-        derivatives. Store the sizes in the attribute `sizes`.
+        """Return a copy of a MotionByCoordinates in space, which must have second derivatives, with random noise of
+        the estimated size added to all coordinates and derivatives. Store the sizes in the attribute `sizes`.
         """
         columns = []
         for names, *derivatives in zip(
@@ -114,8 +114,9 @@ class LogNoise:
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
         """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are their
-        samples, from which the size is estimated, and `names` their names. A derivative found by finite differences
-        gets the differences of the noise. Store the sizes in the attribute `sizes`.
+        samples, from which the size is estimated, and `names` their names; the noise of rotation matrices S1 is
+        rotation vectors. A derivative found by finite differences gets the differences of the noise. Store the sizes
+        in the attribute `sizes`.
         """
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
@@ -144,10 +145,9 @@ class LogNoise:
 
 def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tuple[float, float]:
     """Return (first, second): the standard deviations of the noise in the first and second derivative of samples by
-    finite differences of the given order. Of columns (N, k) it is the rms over all, of rotations (N, 3, 3) that of
-    angles [rad].
-
-    It is 0 where the noise of the samples is no more than rounding, and where there are too few to tell.
+    finite differences whose error is of the given order. Both are 0 if the noise of the samples is no more than
+    rounding, or if there are too few samples to tell. For columns (N, k) a deviation is the rms over all columns; for
+    rotations (N, 3, 3) the samples are taken as angles [rad].
     """
     rows = noise_rows(t.size)
     t, samples = t[rows] - t[rows.start], samples[rows]
@@ -164,7 +164,7 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
 
 
 def _rotation_vectors_from(S: Float64Array, reference: Float64Array) -> Float64Array:
-    """Return the rotation vectors that turn reference attitudes into the attitudes S, world axes [rad]; shape (...,
-    3).
+    """Return the rotation vectors, in world axes [rad], that turn reference attitudes into the attitudes S; shape
+    (..., 3).
     """
     return rotation_vector(S @ np.swapaxes(reference, -1, -2))

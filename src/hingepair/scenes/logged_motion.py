@@ -61,9 +61,9 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, `angles` names arrays and
-    columns that hold angles, `results` names of results, which a log must not have, and `written` is the command that
-    writes such a log, for messages.
+    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, `angle_names` are the
+    arrays and columns that hold angles. `result_prefixes` are the beginnings of names of results, which a log must
+    not have; `writing_hint`, for messages, says which command writes such a log.
 
     Attributes:
         arrays: names of the columns of each array, by the name of the array.
@@ -152,8 +152,9 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
-    """Return the axes of a log's angular velocities, which the key `frame` of the table names: "body" or "world".
-    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or the reverse.
+    """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table names them.
+    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or the reverse; if both are
+    absent, return the default.
     """
     rates = [
         column
@@ -170,7 +171,8 @@ def _velocity_frame(table: Table, log: Log) -> str:
 
 
 class Log(NamedSource):
-    """Checked columns of a log file by name, with methods that compute missing derivatives. `derived`, `noise_shares`
+    """Columns of a log file by name, read and checked by the constructor, which raises a SceneError for bad ones. Its
+    methods return quantities with their derivatives, and compute those that are missing; `derived`, `noise_shares`
     and `notes` record what was computed and found.
 
     Args:
@@ -240,10 +242,10 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives as a dict of arrays; `names` are theirs, in this order. It is empty
-        if the log lacks the quantity and `required` is False; otherwise its absence raises a SceneError. If the
-        attribute `completed` is True, compute missing derivatives by finite differences and record them in the
-        attributes `derived` and `noise_shares`.
+        """Return a quantity and its derivatives as a dict of arrays by name; `names` are the names of the quantity
+        and of its derivatives, by order. The dict is empty if the log lacks the quantity and `required` is False;
+        otherwise its absence raises a SceneError. If the attribute `completed` is True, compute missing derivatives
+        by finite differences and record them in the attributes `derived` and `noise_shares`.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
@@ -301,8 +303,9 @@ class Log(NamedSource):
         self, name: str, array: Float64Array
     ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
         """Return ((first, second), (first deviation, second deviation)): derivatives of the array `name` by finite
-        differences, and the standard deviations of their noise. For a quaternion they are omega and alpha. Angles are
-        unwrapped first. Raise a SceneError for numbers that are not finite.
+        differences, and the standard deviations of their noise. For a quaternion the derivatives are omega and alpha.
+        Angles are first unwrapped by `_unwrap_angles`, which may add notes. Raise a SceneError for numbers that are
+        not finite.
         """
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
@@ -375,7 +378,8 @@ class Log(NamedSource):
 def _read_stated_motion(table: Table, log: Log) -> Motion:
     """Return the Motion of a Log's position, attitude and psi, with derivatives up to the highest order that the log
     has. The keys `sequence` and `frame` are read from the Table [motion]; angular velocities are converted to world
-    axes. Raise a SceneError if a quantity lacks a derivative of that order.
+    axes. Raise a SceneError if a quantity lacks a derivative of that order, or for a key that does not fit the
+    columns.
     """
     attitude = _attitude_names(log)
     if attitude is _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:

@@ -40,8 +40,9 @@ class PairMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at the instants `t` of a scene: the `source`, which gives the motion at some instants, the
-    words `origin`, `how`, `doubt` and `hint` for reports, `errors`, error estimates by unit, and sentences `notes`.
+    """Motion of a pair at the instants `t` of a scene; `source` gives it at some of them. `origin`, `how`, `doubt`,
+    `hint` and `notes` are texts for reports, and `errors` has lazy error estimates by unit. `functions`, `simulated`,
+    `stops` and `derived` tell of the functions of t, the simulation or the log that the motion comes from.
 
     Attributes:
         t: instants [s].
@@ -93,15 +94,15 @@ class Motion:
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals with a kink or a jump of a function of t among those that end at the instants with the
-        indices start to stop - 1.
+        """Count the intervals with a kink or a jump of a function of t. Only the intervals that end at the instants
+        with the indices start to stop - 1 are counted.
         """
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity vector in space [m/s^2], three floats: that of a simulated motion, otherwise the default
-        (along -z; for a planar pair along -y).
+        """Return the gravity vector in space [m/s^2], three floats. It is the gravity of a simulated motion,
+        otherwise the default (along -z; for a planar pair along -y).
         """
         if self.simulated:
             return self.simulated.gravity
@@ -109,8 +110,8 @@ class Motion:
 
 
 class LimitCounter:
-    """Counter of the instants at which a quantity is outside its limits. It also records the least and greatest
-    value.
+    """Counter of the instants at which a quantity is outside its limits: `add` takes values, `sentences` tells of the
+    excess. The attributes `least` and `most` are the extremes of all values.
 
     Args:
         shown: name of the quantity in the sentence.

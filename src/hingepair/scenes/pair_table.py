@@ -28,8 +28,8 @@ def _read_inertia(table: Table, key: str) -> Any:
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
-    """Return the shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file. Raise a
-    SceneError unless they are a list of valid tables.
+    """Return the list of shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file.
+    Raise a SceneError unless the value is a list of valid tables.
     """
     shape_tables = table.values[key]
     if not isinstance(shape_tables, list) or not all(isinstance(shape, dict) for shape in shape_tables):

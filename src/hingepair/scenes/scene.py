@@ -191,8 +191,9 @@ class SceneResult(Frozen, Result):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene(SampledScene):
-    """Scene of a pair: the pair, its motion, and the instants at which the motion is computed, as read from a scene
-    file.
+    """Scene of a pair, as read from a scene file: the pair, its motion, and the instants. `evaluate` computes outputs
+    and `forces` the required forces at the instants; `plan`, `notes` and `cross_validate` explain and check the
+    scene.
 
     Attributes:
         path: path of the scene file.
@@ -520,8 +521,8 @@ class Scene(SampledScene):
 
 
 class SceneNoteCollector:
-    """Collector of notes on a pair's scene that is evaluated in blocks: on passed limits, kinks and angles that look
-    like degrees.
+    """Collector of notes on a pair's scene that is evaluated in blocks: `add` takes the result of a block, and
+    `sentences` returns the notes on exceeded limits, kinks and angles that look like degrees.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -612,8 +613,8 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
-    """Read the mechanism of a scene file, which need not have a motion; return a Mechanism, or None if the scene is
-    that of a pair. Raise a SceneError if the file cannot be read.
+    """Read the mechanism of a scene file, which need not have a motion; return a Mechanism, or None if the scene
+    describes a pair. Raise a SceneError if the file cannot be read.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -628,7 +629,7 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
 
 def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
     """Read the table [dynamics] of a scene file without simulating it; return a DynamicsSetup, or None if there is no
-    such table. Raise a SceneError if the file cannot be read.
+    such table. Raise a SceneError if the file cannot be read or the table belongs to the scene of a mechanism.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -683,14 +684,16 @@ def with_constants_evaluated(tables: Table) -> Table:
 
 
 def _is_of_mechanism(tables: Table) -> bool:
-    """Return whether the top-level Table of a scene file has a table [mechanism] or [[joint]], and so is that of a
-    mechanism's scene; otherwise it is that of a pair's.
+    """Return whether a scene file, of which `tables` is the top-level Table, describes a mechanism: it has a table
+    [mechanism] or [[joint]].
     """
     return not tables.values.keys().isdisjoint({"mechanism", "joint"})
 
 
 def _read_pair(tables: Table) -> HingePair | PlanarPair:
-    """Return the pair of a scene's top-level Table. Raise a SceneError if that is the scene of a mechanism."""
+    """Return the HingePair or PlanarPair of a scene's top-level Table. Raise a SceneError for the scene of a
+    mechanism and for bad keys or values.
+    """
     if _is_of_mechanism(tables):
         tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
     return read_pair(tables.table("pair"), tables.flag("planar"))

@@ -83,8 +83,8 @@ def _read_hinge_torque(table: Table, key: str) -> Any:
 
 def _read_load(table: Table, key: str, component_count: int) -> Any:
     """Return the force or torque on a body under a key of a Table: a list of `component_count` floats, or, for
-    expressions, a callable of (t, now), where `now` is the motion at t. With `component_count` 1, a torque in the
-    plane, the list is a single float. Raise a SceneError for other values.
+    expressions, a callable of (t, now); `now` is the motion at t. With `component_count` 1, a torque in the plane,
+    the list is a single float. Raise a SceneError for other values.
     """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
@@ -236,8 +236,8 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
     """Return the motion of body 1 at the first instant as a BodyMotion in space. `start_values` are the values of
-    [dynamics] by key, such as R1_0; missing ones mean rest at the origin. `planar` True means that of a pair in the
-    plane. Raise a SceneError that names `table` for a bad attitude.
+    [dynamics] by key, such as R1_0; missing ones mean rest at the origin. If `planar` is True, the keys are those of
+    a pair in the plane, such as phi_0. Raise a SceneError that names `table` for a bad attitude.
     """
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:

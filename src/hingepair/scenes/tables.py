@@ -74,8 +74,8 @@ class NamedSource:
 
 @dataclass(eq=False)
 class Table(NamedSource):
-    """One table of a scene file, with its values and the constants that its expressions may use. The table without a
-    name holds the top-level keys of the file.
+    """One table of a scene file, with its values by key and the constants that its expressions may use. Its methods
+    return the checked value of a key. The table without a name holds the top-level keys of the file.
 
     Attributes:
         values: values by key, as the TOML parser returns them.
@@ -166,9 +166,9 @@ class Table(NamedSource):
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the number or constant expression under a key as an exact SymPy expression, or nested lists of them
-        if further arguments give a shape, such as 3, 3. The constants named in `symbolic_constants` stay symbols.
-        Raise a SceneError for another value or shape.
+        """Return the number or constant expression under a key of the table as an exact SymPy expression, or nested
+        lists of them if further arguments give a shape, such as 3, 3. The key must be present. The constants named in
+        `symbolic_constants` stay symbols. Raise a SceneError for another value or shape.
         """
         from hingepair.symbolic.exact_constants import exact
 
@@ -186,7 +186,8 @@ class Table(NamedSource):
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
-        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Raise a SceneError for any other value.
+        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }; of a matrix only the shape is checked. Raise a
+        SceneError for any other value.
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
@@ -197,8 +198,8 @@ class Table(NamedSource):
 
     def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
         """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
-        expressions. The constants named in `symbolic_constants` stay symbols. Raise a SceneError for a value that is
-        no rotation's description.
+        expressions. Of a matrix in the file only the shape is checked. The constants named in `symbolic_constants`
+        stay symbols. Raise a SceneError for a value that describes no rotation.
         """
         value = self.values.get(key)
         if isinstance(value, list):

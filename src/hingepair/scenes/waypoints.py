@@ -49,8 +49,8 @@ class WayPoints:
     coefficients: Float64Array
 
     def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
-        """Return (value, first derivative, ...) up to `order` at t, a tuple of arrays of t's shape. Derivatives at a
-        break are those from the right.
+        """Return (value, first derivative, ...) up to `order` at t, a tuple of arrays of t's shape. At a break,
+        return the derivatives from the right.
         """
         times = np.asarray(t, dtype=np.float64)
         piece = np.searchsorted(self.breaks, times, side="right") - 1
@@ -110,7 +110,7 @@ def interpolate_way_points(
 ) -> WayPoints:
     """Return WayPoints through values at increasing instants t; `profile`, one of the WAY_POINT_PROFILE_NAMES,
     selects the polynomials between them. Raise an ArgumentError if the profile needs a larger rate or acceleration
-    than the limits `speed` and `acceleration` allow.
+    than the limits `speed` and `acceleration` allow, and for a limit of acceleration of the linear profile.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)
@@ -139,7 +139,7 @@ def _profile_coefficients(
     t: Float64Array, values: Float64Array, unit_coefficients: tuple[float, ...]
 ) -> Float64Array:
     """Return the coefficients of the polynomials between neighbouring points (t, values), lowest power first; shape
-    (m - 1, degree + 1). `unit_coefficients` are those of the polynomial that goes from 0 to 1 in unit time.
+    (m - 1, degree + 1). `unit_coefficients` belong to the polynomial that goes from 0 to 1 in unit time.
     """
     powers = np.diff(t)[:, None] ** np.arange(len(unit_coefficients))
     coefficients: Float64Array = np.diff(values)[:, None] * np.array(unit_coefficients) / powers

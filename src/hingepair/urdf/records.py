@@ -125,8 +125,8 @@ class LinkRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
     """Joint of a URDF: its XML element, its name and type, the names of its parent link, its child link and the joint
-    that it `follows`, and the tolerance `snap` [rad] for angles near multiples of pi/2. Its numbers are read from the
-    element, and checked, when a property is accessed.
+    that it `follows`, and the tolerance `snap` [rad] for angles near multiples of pi/2. A property reads its numbers
+    from the element when it is accessed, and raises a URDFError for a number that is not finite.
 
     Attributes:
         element: the XML element.
@@ -348,7 +348,7 @@ def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     """Return (sine, cosine) of an angle [rad]. They are exactly 0, 1 or -1 if the angle is within `snap` [rad] of a
-    multiple of pi/2, or is the double nearest to such a multiple.
+    multiple of pi/2, or is the double nearest to such a multiple; only multiples up to 2**20 times pi/2 count.
     """
     turns = round(angle / (math.pi / 2))
     near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap

@@ -197,8 +197,9 @@ class BaseMotion:
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
     """Motion of a mechanism's joints and base at the instants `t` of a scene: `source` gives the coordinates of the
-    joints at some instants, `base` is the BaseMotion or None, `moving` the names of the moving joints, and `notes`
-    are sentences for reports.
+    joints at some instants, `base` is the BaseMotion or None, and `moving` names the moving joints. `origin`, `hint`
+    and `notes` are texts for reports. `functions` and `derived` tell of the functions of t or the log that the motion
+    comes from.
 
     Attributes:
         t: instants [s].
@@ -237,8 +238,8 @@ class JointMotion:
         return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals with a kink or a jump of a function of t among those that end at the instants with the
-        indices start to stop - 1.
+        """Count the intervals with a kink or a jump of a function of t. Only the intervals that end at the instants
+        with the indices start to stop - 1 are counted.
         """
         t = self.t[max(start - 1, 0) : stop]
         switched = np.zeros(max(0, t.size - 1), dtype=bool)

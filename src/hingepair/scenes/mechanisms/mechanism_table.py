@@ -34,7 +34,7 @@ _READER_BY_FRAME_KEY: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbe
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     """Return the Mechanism that the tables [mechanism] and [[joint]] of a scene's top-level Table define, with its
     frames and payload. The path of a URDF file is relative to `folder`. Raise a SceneError for tables that define
-    none.
+    none, and a MissingDependencyError if a robot of example-robot-data is named and that package is missing.
 
     Args:
         tables: top-level table of the scene file.
@@ -63,7 +63,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
     """Return the gravity vector of the table [mechanism] in a scene's top-level Table, three floats [m/s^2]; None if
-    it has no such key.
+    it has no such key. Raise a SceneError for any other value.
     """
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
@@ -72,7 +72,7 @@ def read_gravity(tables: Table) -> tuple[float, ...] | None:
 def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
     """Return the Mechanism of the URDF file or of the robot of example-robot-data that the Table [mechanism] names,
     with its locked joints. A path is relative to `folder`; `base` is "fixed" or "free". Raise a SceneError for a bad
-    file or name.
+    file or name, and a MissingDependencyError if example-robot-data is missing.
     """
     if "name" in table.values:
         table.fail("name", "no such key beside robot or urdf, which have a name")

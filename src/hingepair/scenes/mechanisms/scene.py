@@ -84,7 +84,7 @@ class MechanismOutput(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismSceneResult(Frozen, Result):
     """Results of a mechanism's scene at its instants: `t`, the `state` of the frames, the `forces`, and joint
-    coordinates.
+    coordinates. An index selects the motion of one frame by its name.
 
     `result["tool"].R` is the position of a frame; `result.R` holds the positions of all frames, with an axis of
     frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof),
@@ -230,8 +230,9 @@ class MechanismSceneResult(Frozen, Result):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismScene(SampledScene):
-    """Scene of a mechanism: the robot, the motion of its joints and base, and the instants, as read from a scene
-    file.
+    """Scene of a mechanism, as read from a scene file: the robot, the motion of its joints and base, and the
+    instants. `evaluate` computes outputs and `forces` the required forces at the instants; `plan`, `notes` and
+    `cross_validate` explain and check the scene.
 
     Attributes:
         path: path of the scene file.
@@ -432,7 +433,8 @@ class MechanismScene(SampledScene):
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
         """Return requested output names as a tuple of MechanismOutputs. None means the outputs that the scene names,
-        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs.
+        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs, or for those
+        that need derivatives that the motion lacks.
 
         Args:
             outputs: as for `evaluate`.
@@ -623,8 +625,8 @@ class MechanismPlan:
 
 
 class MechanismNoteCollector:
-    """Collector of notes on a mechanism's scene that is evaluated in blocks: on passed limits, kinks and angles that
-    look like degrees.
+    """Collector of notes on a mechanism's scene that is evaluated in blocks: `add` takes the result of a block, and
+    `sentences` returns the notes on exceeded limits, kinks and angles that look like degrees.
     """
 
     def __init__(self, scene: MechanismScene) -> None:
