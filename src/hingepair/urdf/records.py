@@ -94,12 +94,12 @@ class LinkRecord:
         Raises:
             URDFError: an entry is no finite number.
         """
-        where = f"link {self.name!r}, inertial"
-        (mass,) = _numbers(self.element.find("inertial/mass"), "value", where, (0.0,))
+        label = f"link {self.name!r}, inertial"
+        (mass,) = _numbers(self.element.find("inertial/mass"), "value", label, (0.0,))
         moments = self.element.find("inertial/inertia")
-        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, where, (0.0,))[0] for key in _INERTIA_ATTRIBUTE_NAMES)
+        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, label, (0.0,))[0] for key in _INERTIA_ATTRIBUTE_NAMES)
         at_centre = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
-        return at_centre.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
+        return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.snap))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
         """Return the shapes of the link as a list of Visual records: those that draw it (tag "visual"), or those that
@@ -112,10 +112,10 @@ class LinkRecord:
         for element in self.element.findall(tag):
             shape = element.find("geometry/*")
             kind = "" if shape is None else shape.tag
-            where = f"link {self.name!r}, {tag}"
-            pose = _pose(element.find("origin"), where, self.snap)
+            label = f"link {self.name!r}, {tag}"
+            pose = _pose(element.find("origin"), label, self.snap)
             groups = [
-                _numbers(shape, key, f"{where}, {kind}", zero)
+                _numbers(shape, key, f"{label}, {kind}", zero)
                 for key, zero in SIZE_ATTRIBUTE_DEFAULTS_BY_SHAPE_KIND.get(kind, {}).items()
             ]
             shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
@@ -151,16 +151,16 @@ class JointRecord:
         """Pose of the child link at position 0 in the axes of the parent link, a FramePose of rotation and origin
         [m]. Raises a URDFError for an entry that is not a finite number.
         """
-        return _pose(self.element.find("origin"), self._where, self.snap)
+        return _pose(self.element.find("origin"), self._label, self.snap)
 
     @property
     def axis(self) -> tuple[float, ...]:
         """Axis of the joint in the axes of the child link, three numbers as written, not normalised; (1, 0, 0) unless
         given. Raises a URDFError for a zero axis.
         """
-        axis = _numbers(self.element.find("axis"), "xyz", f"{self._where}, axis", (1.0, 0.0, 0.0))
+        axis = _numbers(self.element.find("axis"), "xyz", f"{self._label}, axis", (1.0, 0.0, 0.0))
         if not any(axis):
-            raise URDFError(f"{self._where}, axis xyz", "a non-zero axis", axis)
+            raise URDFError(f"{self._label}, axis xyz", "a non-zero axis", axis)
         return axis
 
     @property
@@ -172,7 +172,7 @@ class JointRecord:
             return None
         lower, upper = (self._number("limit", key, 0.0) for key in ("lower", "upper"))
         if lower > upper:
-            raise URDFError(f"{self._where}, limit", "lower below upper", f"lower {lower!r}, upper {upper!r}")
+            raise URDFError(f"{self._label}, limit", "lower below upper", f"lower {lower!r}, upper {upper!r}")
         return (lower, upper) if lower < upper else None
 
     @property
@@ -206,7 +206,7 @@ class JointRecord:
         return MimicRecord(self.follows, multiplier, offset)
 
     @property
-    def _where(self) -> str:
+    def _label(self) -> str:
         return f"joint {self.name!r}"
 
     def _limit_number(self, key: str) -> float | None:
@@ -215,11 +215,11 @@ class JointRecord:
         """
         number: float | None = self._number("limit", key, None)
         if number is not None and number < 0:
-            raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)
+            raise URDFError(f"{self._label}, limit {key}", "a number not below 0", number)
         return number
 
     def _number(self, tag: str, key: str, default: float | None) -> Any:
-        return _numbers(self.element.find(tag), key, f"{self._where}, {tag}", (default,))[0]
+        return _numbers(self.element.find(tag), key, f"{self._label}, {tag}", (default,))[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -332,14 +332,14 @@ class RobotRecord:
         return sorted(joints, key=lambda joint: joint.name, reverse=True)
 
 
-def _pose(origin: ET.Element | None, where: str, snap: float) -> FramePose:
+def _pose(origin: ET.Element | None, label: str, snap: float) -> FramePose:
     """Return the FramePose of an XML element <origin>; for None, the identity. Angles within `snap` [rad] of a
-    multiple of pi/2 are replaced by that multiple. Raise a URDFError, which begins with the text `where`, if its
+    multiple of pi/2 are replaced by that multiple. Raise a URDFError, which begins with the text `label`, if its
     numbers are not finite.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
-    xyz, rpy = (_numbers(origin, key, f"{where}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
+    xyz, rpy = (_numbers(origin, key, f"{label}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
     order = find_sequence("xyz")
     roll, pitch, yaw = order.angles(rpy)
     trig = tuple(part for angle in (roll, pitch, yaw) for part in sine_and_cosine(angle, snap))
@@ -359,10 +359,10 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     )
 
 
-def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
+def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return a tuple of the numbers of the attribute `key` of an XML element, as many as the tuple `default` has. If
     the attribute is missing, or the element is None, return `default`. Raise a URDFError, which begins with the text
-    `where`, if they are not finite numbers.
+    `label`, if they are not finite numbers.
     """
     text = None if element is None else element.get(key)
     if text is None:
@@ -373,5 +373,5 @@ def _numbers(element: ET.Element | None, key: str, where: str, default: tuple[An
     ):
         return tuple(map(float, words))
     raise URDFError(
-        f"{where} {key}", "three finite numbers" if len(default) == 3 else "a finite number", quoted(text)
+        f"{label} {key}", "three finite numbers" if len(default) == 3 else "a finite number", quoted(text)
     )
