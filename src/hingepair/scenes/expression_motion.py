@@ -56,8 +56,8 @@ class FunctionsOfTime:
         return () if len(self.names) == 1 else (len(self.names),)
 
     def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
-        """Return (values, first derivatives, ...) at t up to `order`, each a tuple with one array or float per
-        function. At a kink, return the derivatives from the right.
+        """Return (values, first derivatives, ...) at t up to `order`. The entry of each order is a tuple with one
+        array or float per function. At a kink, return the derivatives from the right.
         """
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]

@@ -46,9 +46,9 @@ _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
-    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane): `derivatives` is (q[,
-    qd[, qdd]]), tuples of arrays, or floats for values that do not change. `sequence` is the Euler sequence of body
-    1.
+    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane). `derivatives` is (q[,
+    qd[, qdd]]), each of them a tuple of arrays, or of floats for values that do not change. `sequence` is the Euler
+    sequence of body 1.
 
     Attributes:
         count: number of instants.

@@ -286,8 +286,9 @@ class Scene(SampledScene):
         return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Return (q, qd, qdd) at any instants t: the coordinates and their exact derivatives, each a tuple with one
-        array or float per coordinate. Raise an ArgumentError if the motion is not defined by functions of t.
+        """Return the coordinates and their exact derivatives, (q, qd, qdd), at any instants t. Each of q, qd and qdd
+        is a tuple with one array or float per coordinate. Raise an ArgumentError if the motion is not defined by
+        functions of t.
 
         Args:
             t: instants [s]; shape (...).

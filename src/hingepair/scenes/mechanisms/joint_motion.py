@@ -55,8 +55,8 @@ class JointCoordinates(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a mechanism's joints (`names`) at `count` instants: `derivatives` is (q[, qd[, qdd]]), tuples
-    with one array or float per joint, and `base` the BodyMotion of the base or None.
+    """Coordinates of a mechanism's joints (`names`) at `count` instants. `derivatives` is (q[, qd[, qdd]]), each of
+    them a tuple with one array or float per joint, and `base` is the BodyMotion of the base or None.
 
     Attributes:
         names: names of the joints, in order.
@@ -90,8 +90,8 @@ class KnownJointMotion:
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
     def arguments(self) -> tuple[Any, ...]:
-        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: for each a dict by joint name, in which a float
-        is a constant. A robot without joints has arrays of shape (count, 0) instead.
+        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: each of them a dict of arrays by joint name, in
+        which a float is a constant. A robot without joints has arrays of shape (count, 0) instead.
         """
         if not self.names:
             return tuple(np.zeros((self.count, 0)) for _ in self.derivatives)
@@ -119,7 +119,7 @@ class JointMotionSource(Protocol):
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
     """Joint coordinates given by `functions` of t at the instants `t` of a scene. A joint of `names` without a
-    function stays at its rest position, which `rests` has by name.
+    function stays at its rest position; `rests` is the dict of rest positions by name.
 
     Attributes:
         t: instants [s].
@@ -149,8 +149,8 @@ class JointFunctions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Joint coordinates and their known derivatives at all instants of a log: `derivatives` is (q[, qd[, qdd]]),
-    tuples with one array or float per joint.
+    """Joint coordinates and their known derivatives at all instants of a log: `derivatives` is (q[, qd[, qdd]]), each
+    of them a tuple with one array or float per joint.
 
     Attributes:
         derivatives: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change.
