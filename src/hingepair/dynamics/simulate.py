@@ -203,7 +203,9 @@ def simulate(
             For a PlanarPair, forces and gravity have two components, and torques have one. But `body1`, and the
             `now` that callables receive, are given in space: R lies in the plane z = 0, and S is a rotation
             about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
-        t: instants [s], increasing; shape (N,).
+        t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
+            integer nanoseconds are converted to seconds since the first one; callables and `breaks` use these
+            seconds.
         body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
             callable.
         psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.

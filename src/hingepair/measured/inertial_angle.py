@@ -111,9 +111,9 @@ def fit_angle(
 
     Returns:
         The fit, with the hinge angle as `.psi` [rad], shape (N,). At psi = 0, the attitude of body 2 relative to body
-        1 is the rotation by the smallest angle that turns n2 into n1 (`AngleFit` describes the exception for nearly
-        opposite n1 and n2). If n1 = n2, the axes of both sensors are then parallel. Check `.ok` and `.findings`
-        before you use its numbers.
+        1 is the rotation by the smallest angle that turns n2 into n1. If n1 and n2 are more than 154 degrees apart,
+        the rule that `fit` states for `home` applies instead. If n1 = n2, the axes of both sensors are parallel at
+        psi = 0. Check `.ok` and `.findings` before you use its numbers.
 
     Raises:
         FitError: there are fewer than 8 consecutive samples without a gap.

@@ -25,8 +25,8 @@ class Slider(Frozen, Shown):
     coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the limits
     of q, and the largest magnitudes of the force (`torque_limit`) and of the rate.
 
-    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. It has the same attributes as a `HingePair`. Their
-    values are copies of the arguments and read-only.
+    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. It takes the same arguments as a `HingePair` and
+    stores them as attributes of the same names; the arrays are copied and read-only.
 
     Args:
         u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1

@@ -141,7 +141,8 @@ class PlanarPair(Shown):
             outputs: names of the outputs to compute: R2, d, v2 and a2 have shape (..., 2), and phi2 (the angle of
                 body 2), omega2 and alpha2 have shape (...,). By default, all outputs that the inputs allow.
             out: dict of arrays into which the results are written; its keys are the names of outputs. Each array must
-                have the shape of its output and the dtype of the results.
+                have the shape of its output and the dtype of the results: float32 if all input arrays are float32,
+                otherwise float64.
             workers: number of threads, 1 by default; -1 for one thread per core.
             backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
 
@@ -188,7 +189,7 @@ class PlanarPair(Shown):
 
         Returns:
             A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,).
+            of the output; shape (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))

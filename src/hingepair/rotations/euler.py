@@ -42,8 +42,8 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
-    "XYZ" (E10), with an error of at most 6 u (u = 2^-53) in every component. Raise ArgumentError for unusable angles
-    or an unknown sequence.
+    "XYZ" (E10), with an error of at most 6 u (u = 2^-53) in every component. Angles that are not finite give NaN.
+    Raise ArgumentError for angles of a wrong shape or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
