@@ -141,8 +141,8 @@ class JointResults(Results):
         """Return a pandas DataFrame with a row for each sample. The first columns have the names of the joints. The
         components of the base's vectors follow in columns such as force1_x or a1_x.
 
-        If only `tau` was computed (`outputs=("tau",)`), the table has only the columns of the joints, and the methods
-        of the robot accept the table as the argument `tau`.
+        For a MechanismForces with only `tau` (computed with `outputs=("tau",)`), the table has only the columns of
+        the joints, and the methods of the robot accept it as the argument `tau`.
 
         Raises:
             ArgumentError: the samples have more than one axis.

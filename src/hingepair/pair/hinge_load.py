@@ -49,7 +49,7 @@ class HingeLoad:
             arrived; for other values, the method `restitution` computes how fast it leaves.
         stop_restitution: None, or a number from 0 to 1. With None, the stops are springs. With a number, the stops
             are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived. The
-            torque that a call of the HingeLoad returns has no part for rigid stops.
+            torque that a call of the HingeLoad returns does not include impacts on rigid stops.
         motor: torque of the motor [N m]: a number; a callable that takes arrays (t, psi, psid) and returns an array;
             or another HingeLoad, whose torque is added.
 
