@@ -50,7 +50,7 @@ _CACHE_LINE_BYTES = 64
 """Size of a cache line [bytes]."""
 _NUM_RANDOM_STATES_FOR_ERRORS = 40  # number of random states whose results are compared with the exact ones
 # Explains the columns below the table.
-_TABLE_NOTE = (
+_TABLE_COLUMNS_NOTE = (
     "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
     "of the case; "
     f"errors: largest of any output against {TRUTH_DECIMAL_DIGITS} digits [u * scale], on random and on hard states; "
@@ -85,7 +85,7 @@ def measure_kinematics(
         + measure_single_states(repeats)
     )
     rows += measure_fresh_processes(repeats) if with_fresh_processes else []
-    return Report(rows, "error", [*left_out, _TABLE_NOTE], [make_error_panels(rows)])
+    return Report(rows, "error", [*left_out, _TABLE_COLUMNS_NOTE], [make_error_panels(rows)])
 
 
 def measure_batches(
@@ -236,7 +236,7 @@ rng = np.random.default_rng(0)
 calls = [(rng.normal(size=(n, 7) if n > 1 else 7), rng.normal(size=(n, 7) if n > 1 else 7)) for n in {sizes}]
 """
 # The scene that a process runs.
-_SCENE_TOML = """
+_TIMED_SCENE_TOML = """
 pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
 motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}
 time = {start = 0, stop = 10, samples = 10001}
@@ -269,7 +269,7 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
-        scene.write_text(_SCENE_TOML, encoding="utf-8")
+        scene.write_text(_TIMED_SCENE_TOML, encoding="utf-8")
         run = _TIMED_CODE_TEMPLATE.format(
             before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]",
             timed="from hingepair.cli.main import main; main()",

@@ -45,7 +45,7 @@ AXIS_FIT_NAME, QMT_GYROSCOPES_NAME, QMT_NAME = (
 )
 _NUM_RECORDINGS_PER_SIZE = 5  # recordings of each length whose errors are averaged
 # Explains the errors below the table.
-_ERROR_NOTE = (
+_FIT_ERROR_NOTE = (
     "error: largest component of the errors of the hinge axis and, perpendicular to it, of the hinge point; "
     f"root mean square of {_NUM_RECORDINGS_PER_SIZE} recordings"
 )
@@ -111,7 +111,7 @@ def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
     """
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
-    return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
+    return Report([*rows, *axis_rows], "error [rad, m]", [_FIT_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
 
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
@@ -193,8 +193,8 @@ def _axis_job(
 
 
 def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """Return the pose of body 1 and that of body 2 at instants t, shape (N,). Each is a tuple of positions, shape (N,
-    3), and a SciPy Rotation of N rotations.
+    """Return the poses of body 1 and of body 2 at instants t, shape (N,), as a tuple of two tuples: an array of
+    positions, shape (N, 3), and a SciPy Rotation of N rotations.
     """
     from scipy.spatial.transform import Rotation
 
@@ -266,8 +266,8 @@ def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) 
 
 
 def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
-    """Compare the fitted axes n1, n2 with the true ones. Return the absolute value of the largest component of the
-    errors, not counting signs, as a float, and whether the sign of n2 relative to n1 is wrong, as a bool.
+    """Compare the fitted axes n1, n2 with the true ones. Return the largest absolute component of their errors, each
+    up to the sign of the axis, as a float, and whether the sign of n2 relative to n1 is wrong, as a bool.
     """
     truth = true_hinge()
     signs = [float(np.sign(axis @ true)) for axis, true in ((n1, truth.n), (n2, truth.n_body2))]

@@ -29,14 +29,14 @@ LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the me
 MOTION_DURATION_SECONDS: Final = 10.0  # of every motion, which begins at t = 0
 # Equal intervals of the motion; errors are computed at their ends, which the steps of every method include.
 NUM_COMPARISON_INTERVALS: Final = 25
-TARGET_ERROR_RAD: Final = 1e-11
+TARGET_ATTITUDE_ERROR_RAD: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
-_EXACT_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
+_EXACT_ATTITUDE_DECIMAL_DIGITS: Final = 50  # decimal digits of exact attitudes
 # The pair that is integrated; its hinge does not turn.
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 # Methods of hingepair.
-_HINGEPAIR_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
+_INTEGRATION_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
 _HINGEPAIR_STEP_COUNTS = tuple(
     NUM_COMPARISON_INTERVALS * k for k in (2, 5, 10, 20, 40, 100, 200, 400)
 )  # of hingepair's methods
@@ -76,7 +76,7 @@ class RotationCase(NamedTuple):
         and z by 3t, t and 5t.
         """
         x, y, z = np.eye(3).tolist()
-        with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
+        with mpmath.workdps(_EXACT_ATTITUDE_DECIMAL_DIGITS):
             Q, times = rotation_of_quaternion(self.quat), [mpmath.mpf(s) for s in t.tolist()]
             return [
                 Q * rotation_about_axis(x, 3 * s) * rotation_about_axis(y, s) * rotation_about_axis(z, 5 * s)
@@ -89,7 +89,7 @@ class RotationCase(NamedTuple):
         """
         if not np.isfinite(quats).all():
             return math.inf
-        with mpmath.workdps(_EXACT_ATTITUDE_DIGITS):
+        with mpmath.workdps(_EXACT_ATTITUDE_DECIMAL_DIGITS):
             worst = mpmath.mpf(0)
             for quat, truth in zip(quats.tolist(), exact, strict=True):
                 difference = rotation_of_quaternion([mpmath.mpf(c) for c in quat]).T * truth
@@ -111,7 +111,7 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
     vary, for which None stands.
     """
     jobs: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_HINGEPAIR_METHOD_NAMES, _HINGEPAIR_STEP_COUNTS):
+    for method, steps in itertools.product(_INTEGRATION_METHOD_NAMES, _HINGEPAIR_STEP_COUNTS):
         jobs[f"{method}, {steps} steps"] = (
             functools.partial(_integrate_by_hingepair, method, motion, steps),
             MOTION_DURATION_SECONDS / steps,
@@ -260,8 +260,8 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return a dict from a method's name to its run time [s] at the error TARGET_ERROR_RAD, interpolated between the
-    table rows of the case named `case`. Methods that do not reach that error are left out.
+    """Return a dict from a method's name to its run time [s] at the error TARGET_ATTITUDE_ERROR_RAD, interpolated
+    between the table rows of the case named `case`. Methods that do not reach that error are left out.
     """
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
@@ -271,21 +271,21 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
             if row.case == case and _method_of_label(row.method) == method and row.error
         ]
         for (e1, t1), (e2, t2) in itertools.pairwise(points):
-            if e1 > TARGET_ERROR_RAD >= e2 and math.isfinite(e1):
-                times[method] = t1 * (t2 / t1) ** (math.log(e1 / TARGET_ERROR_RAD) / math.log(e1 / e2))
+            if e1 > TARGET_ATTITUDE_ERROR_RAD >= e2 and math.isfinite(e1):
+                times[method] = t1 * (t2 / t1) ** (math.log(e1 / TARGET_ATTITUDE_ERROR_RAD) / math.log(e1 / e2))
     return times
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return a list of new table rows, with the run time of each method at the error TARGET_ERROR_RAD for each
-    motion, interpolated between the measured rows.
+    """Return a list of new table rows, with the run time of each method at the error TARGET_ATTITUDE_ERROR_RAD for
+    each motion, interpolated between the measured rows.
     """
     target_rows = []
     for motion in ROTATION_CASES:
         times = times_to_target_error(rows, motion.name)
         first = next(iter(times.values()), math.nan)
-        case = f"{motion.name}, an error of {TARGET_ERROR_RAD:g} rad"
-        target_rows += [Row(case, name, 1, t, t, t / first, TARGET_ERROR_RAD) for name, t in times.items()]
+        case = f"{motion.name}, an error of {TARGET_ATTITUDE_ERROR_RAD:g} rad"
+        target_rows += [Row(case, name, 1, t, t, t / first, TARGET_ATTITUDE_ERROR_RAD) for name, t in times.items()]
     return target_rows
 
 

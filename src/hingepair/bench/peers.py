@@ -58,8 +58,8 @@ class KinematicsTask(NamedTuple):
 
     @property
     def arguments(self) -> MotionArrays:
-        """Return the arrays of the motion (q; q and qd; or q, qd and qdd), shape (N, 7) each. A batch of one sample
-        gives those of one state, shape (7,).
+        """Return the arrays of the motion as a tuple: q; q and qd; or q, qd and qdd, shape (N, 7) each. For a batch
+        of one sample, return the arrays of one state, shape (7,) each.
         """
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
@@ -80,9 +80,9 @@ def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[s
 
 
 def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
-    """Return a function from a task to a job, which calls `pair.forward_kinematics` with further options and returns
-    a tuple of the outputs. The outputs are new arrays if `allocates_outputs` or for one state, else the task's
-    buffers.
+    """Return a function from a task to a job, which calls `pair.forward_kinematics` and returns a tuple of the
+    outputs. The outputs are new arrays if `allocates_outputs` or for one state, else the task's buffers. The further
+    keyword arguments are options of `forward_kinematics`.
 
     Args:
         allocates_outputs: whether the outputs are new arrays; otherwise they are the buffers of the task.
@@ -147,7 +147,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
     level, world = len(inputs), pin.LOCAL_WORLD_ALIGNED
 
     def read(*rows: Array) -> OutputArrays:
-        """Compute the outputs of body 2 for one sample by Pinocchio; return them by name."""
+        """Compute the outputs of body 2 for one sample by Pinocchio; return them as a dict by name."""
         pin.forwardKinematics(model, data, *rows)
         placement = pin.updateFramePlacement(model, data, frame)
         outputs = {"R2": placement.translation, "S2": placement.rotation}

@@ -119,8 +119,8 @@ class ExactRobot:
         return 1 + [joint.name for joint in self._tree.joints].index(name)
 
     def _joint_values(self, values: Array) -> Array:
-        """Return an array of the values of all joints, mimic joints included but without their offsets, from the
-        values of the coordinates.
+        """Convert values of the coordinates to values of all joints, mimic joints included but without their offsets;
+        return an array of mpmath numbers.
         """
         joint_values: Array = _to_mpf(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
         return joint_values

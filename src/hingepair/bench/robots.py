@@ -55,7 +55,7 @@ POSE_WORKLOAD, JACOBIAN_WORKLOAD = "pose", "Jacobian"  # names of workloads
 # All workloads, in the order of the table and of the constants in robots_loop.cpp.
 WORKLOAD_NAMES: Final = (POSE_WORKLOAD, JACOBIAN_WORKLOAD, INVERSE_WORKLOAD, FORWARD_WORKLOAD)
 
-_NUM_COMPARED_STATES: Final = 4
+_NUM_STATES_COMPARED_WITH_EXACT: Final = 4
 """Number of states whose results are compared with the exact ones."""
 
 # Sentences below the table.
@@ -63,8 +63,9 @@ _TABLE_NOTES: Final = (
     "Each row is one engine on one task, on one thread (JAX chooses its threads itself), compiled before the "
     "measurement. N: states of a call; a call: median time of a call; each: time for one state; ratio: that time "
     "divided by the time of the first row.",
-    f"error: largest difference from {ROBOT_TRUTH_DECIMAL_DIGITS}-digit arithmetic at {_NUM_COMPARED_STATES} random "
-    "states, relative to the largest component of the result (the unit roundoff of a double is 1.1e-16).",
+    f"error: largest difference from {ROBOT_TRUTH_DECIMAL_DIGITS}-digit arithmetic at "
+    f"{_NUM_STATES_COMPARED_WITH_EXACT} random states, relative to the largest component of the "
+    "result (the unit roundoff of a double is 1.1e-16).",
     "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
     "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
     f"{PYTHON_LOOP_SAMPLE_CAP:,} states.",
@@ -90,8 +91,8 @@ _UNIT_AXIS_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": 
 
 class RobotTask(NamedTuple):
     """Random states of a robot, and the workload ("pose", "Jacobian", "inverse dynamics" or "forward dynamics") that
-    is computed at them. `model` is Pinocchio's model of the robot, `tip` its joint furthest from the base, and `rows`
-    are q, q' and q'' or efforts, shape (N, dof).
+    is computed at them. `model` is Pinocchio's model of the robot, `tip` the number in it of the joint furthest from
+    the base, and `rows` are q, q' and, for forward dynamics, the efforts, otherwise q'', shape (N, dof) each.
     """
 
     name: str  # of the robot
@@ -141,10 +142,10 @@ def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTas
     error. `make_task` returns the task of a number of states.
     """
     print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DECIMAL_DIGITS} digits")
-    truth = exact_robot_results(make_task(_NUM_COMPARED_STATES))
+    truth = exact_robot_results(make_task(_NUM_STATES_COMPARED_WITH_EXACT))
     return {
         method.name: robot_error(
-            method, make_task(1 if method.name == PREPARED_NAME else _NUM_COMPARED_STATES), truth
+            method, make_task(1 if method.name == PREPARED_NAME else _NUM_STATES_COMPARED_WITH_EXACT), truth
         )
         for method in methods
     }

@@ -21,14 +21,14 @@ from hingepair.errors import MissingDependencyError
 from hingepair.formats.robots import load_robot
 from hingepair.pair.hinge_pair import HingePair
 
-MAX_CHUNK_SAMPLES: Final = 1_000_000
+MAX_DASK_CHUNK_SAMPLES: Final = 1_000_000
 """Samples of a chunk at most."""
 PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
 # Headings of columns of the table.
 PEAK_MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
 PROCESSOR_TIME_COLUMN: Final = "processor time [s]"  # of all threads in a call
 
-_MIN_CHUNK_COUNT = 8  # chunks of a case; with few samples the chunks are smaller
+_MIN_DASK_CHUNK_COUNT = 8  # chunks of a case; with few samples the chunks are smaller
 _NUM_SWEEP_VARIANTS = 1000  # variants of each sweep
 
 # A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
@@ -126,7 +126,7 @@ def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats:
     rows += _measure_sweeps(threads)
     notes = [
         f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
-        f"{MAX_CHUNK_SAMPLES:,} samples at most",
+        f"{MAX_DASK_CHUNK_SAMPLES:,} samples at most",
         f"{PROCESSOR_TIME_COLUMN}: of all threads of the process; where T threads take X times that of one thread, "
         "they are at most T / X times as fast on idle cores",
         "the plain call writes into new memory, whose pages the system clears; chunks use their memory again",
@@ -138,7 +138,7 @@ def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats:
 
 def _chunk_size(samples: int) -> int:
     """Return the number of samples of a chunk."""
-    return max(1, min(MAX_CHUNK_SAMPLES, samples // _MIN_CHUNK_COUNT))
+    return max(1, min(MAX_DASK_CHUNK_SAMPLES, samples // _MIN_DASK_CHUNK_COUNT))
 
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:

@@ -45,7 +45,8 @@ _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
 _MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION: Final = 509 * 17
 _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO: Final = 4.3  # the same number of the second run, divided by the above
 _TRIAL_STEPS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
-_MAX_REMAINING_TRIAL_STEPS = 1e6  # trial steps; a motion that needs more, by its progress so far, is refused
+# Trial steps; a motion that needs more to its end, estimated by its progress so far, is refused.
+_MAX_ESTIMATED_REMAINING_TRIAL_STEPS = 1e6
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -534,7 +535,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             stepper.set_state(motion.restart_attitude(stepper.state))
             if stepper.trials >= last_trials + _TRIAL_STEPS_PER_PROGRESS_CHECK:
                 remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-                if remaining > _MAX_REMAINING_TRIAL_STEPS:
+                if remaining > _MAX_ESTIMATED_REMAINING_TRIAL_STEPS:
                     reason = (
                         f"some {remaining:.0g} more steps would be needed; {_explain_failure(motion, start, stepper)}"
                     )
