@@ -344,11 +344,12 @@ def fit(
             reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
             scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
             Readings cannot be used if body 2 is a point.
-        noise1: pair of the standard deviations of the noise in one component of the position [m] and of the attitude
-            [rad] of body 1, each a number or an array (N,). With `smoothed = smooth(t, body1)`, they are
+        noise1: tuple of two standard deviations for body 1, of the noise in one component of the position [m] and of
+            the attitude [rad]. Each is a number or an array (N,). With `smoothed = smooth(t, body1)`, the tuple is
             (smoothed.noise["R"], smoothed.noise["S"]). A factor that is common to all these standard deviations is
             still estimated from the data.
-        noise2: the same pair for body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
+        noise2: tuple of two standard deviations for body 2, as noise1. Give both noise1 and noise2 or neither; give
+            neither if body 2 is a point.
 
     Returns:
         The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi`. Check `.ok` and `.findings` before you

@@ -86,8 +86,8 @@ def fit_angle(
     samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
     Two vectors are known from both sensors, each in the axes of its own body: the specific force at the hinge point,
-    and the part of the angular velocity that is perpendicular to the hinge axis. The hinge angle at an instant
-    follows from the directions of such a vector in the axes of both bodies. The hinge rate is the difference of the
+    and the part of the angular velocity that is perpendicular to the hinge axis. At one instant, the directions of
+    either vector in the axes of both bodies determine the hinge angle. The hinge rate is the difference of the
     angular velocities along the axis; its integral connects the angles of different instants. Each of the four
     records may have NaN where a sample is missing. An instant is used only if all four records are finite there.
 
