@@ -127,7 +127,7 @@ class MechanismMethods(Shown):
                 (..., dof), a table whose columns have the joints' names, or a dict with a number or an array for
                 each joint.
             qd: first time derivatives of q, in one of the forms of q.
-            qdd: second time derivatives of q, in one of the forms of q; they need qd.
+            qdd: second time derivatives of q, in one of the forms of q. Give them only together with qd.
             frames: names of links, joints or added frames. By default, they are `robot.tips`, the last link of every
                 branch. A name that a joint and a link share means the link. As in URDF, the frame of a joint moves
                 with the joint's child link.

@@ -230,17 +230,19 @@ class HingePair(Shown):
         stands for such a tuple. `outputs` are the names of the results that it computes.
 
         Args:
-            given: names of the inputs, in the order in which each call passes them. Either a word:
+            given: names of the inputs as a tuple, in the order in which each call passes them, or a word that stands
+                for such a tuple:
 
                 - "pose" stands for ("q",), "velocity" for ("q", "qd"), and "acceleration" for ("q", "qd", "qdd");
                 - "inverse_dynamics" stands for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
                 - "forward_dynamics" stands for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque").
 
-                Or a tuple of names. They can be q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1,
-                psi, psid and psidd; for outputs that depend on the motions of both bodies, such as gap, also R2, S2,
-                v2, omega2, a2 and alpha2; and for forward dynamics also the loads force1, torque1, hinge_torque,
-                force2 and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz, which give the
-                attitude of body 1. The letters in quat_xyzw and quat_wxyz are the order of the components.
+                A tuple can hold q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid and
+                psidd. For outputs that depend on the motions of both bodies, such as gap, it can also hold R2, S2,
+                v2, omega2, a2 and alpha2. For forward dynamics, it can also hold the loads force1, torque1,
+                hinge_torque, force2 and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz,
+                which give the attitude of body 1. In quat_xyzw and quat_wxyz, the letters are the order of the
+                quaternion's components.
             outputs: names of the outputs to compute, out of:
 
                 - the outputs of `forward_kinematics`;
