@@ -34,8 +34,9 @@ _FOLDED_NUMBER_BY_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
 
 
 class BoundInputs(NamedTuple):
-    """The inputs of a loop, sorted into a pattern with the folded numbers, a list of constants, and a list of arrays
-    that vary by sample.
+    """The inputs of a loop, sorted. `pattern` holds the source of each component (a number that is known, a pair of
+    the index of an array and a component of it, or None for the next constant), `constants` the numbers that are
+    equal at all samples, and `arrays` the arrays that vary by sample.
 
     Attributes:
         pattern: the source of each component of each input.
@@ -78,8 +79,9 @@ def bind(
     keep_single_samples: bool = False,
 ) -> BoundInputs:
     """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
-    `BoundInputs`. input_shapes holds pairs (name, shape of one sample); carried_names are the inputs that a scan
-    carries. Arrays of one sample become constants unless keep_single_samples is true.
+    `BoundInputs`. input_shapes holds pairs (name, shape of one sample), and `values` holds numbers, arrays or tuples
+    of them by name; carried_names are the inputs that a scan carries. Arrays of one sample become constants unless
+    keep_single_samples is true.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.
@@ -93,8 +95,8 @@ def bind(
     array_index_by_id: dict[int, int] = {}
 
     def bind_number(x: float) -> None:
-        """Append the number x, a component, to the lists of `bind`: if it is 0, 1 or -1, x itself to the pattern;
-        else None to the pattern and x to the constants.
+        """Append a component that is the number x to the lists of `bind`. The pattern gets the numbers 0, 1 and -1;
+        for any other number, the pattern gets None and the constants get the number.
         """
         known = _FOLDED_NUMBER_BY_VALUE.get(x)
         pattern.append(known)
@@ -137,11 +139,9 @@ def bind(
 
 
 def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
-    """Return (pattern, constants, arrays) of the inputs in `values`, which are numbers and arrays of another library,
-    a vector being a tuple of them. input_shapes holds pairs (name, shape of one sample); each of the returned arrays
-    is one component.
-
-    The inputs are sorted by the rules of `bind`.
+    """Sort inputs by the rules of `bind`, and return the tuple (pattern, constants, arrays), in which each array is
+    one component. `values` holds numbers and arrays of another library by name, a vector as a tuple of them;
+    input_shapes holds pairs (name, shape of one sample).
 
     Returns:
         The pattern, the constants, and the arrays, each of which is one component.
@@ -184,7 +184,8 @@ def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[N
 
 class ArrayLayout(NamedTuple):
     """The lengths, strides [bytes] and offsets [bytes] by which a kernel steps through its arrays along two axes of
-    samples, an outer and an inner one. Each combination of indices along further axes is one more call of the kernel.
+    samples, an outer and an inner one. Each combination of indices along further axes is one more call of the kernel,
+    with its own tuple of `offsets`, one for each array.
 
     Attributes:
         outer_length: number of samples along the outer axis.
@@ -303,7 +304,7 @@ def run_kernel(
     chunk = -(-shared // (workers * LANE_COUNT)) * LANE_COUNT
 
     def run_chunk(start: int) -> None:
-        """Run the kernel for one thread's chunk of the shared axis, which begins at the sample `start`."""
+        """Run the kernel for one thread's chunk of the shared axis, which begins at the index `start`."""
         chunk_table, count = list(table), min(chunk, shared - start)
         for k in range(first, len(table) // INTEGERS_PER_KERNEL_TABLE_ROW):
             chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += (

@@ -281,10 +281,10 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for checked arguments, `values`, of one state or of many; `shapes` are their leading
-        shapes. Outputs named in `out` are written into its arrays. If `dtype` is None, the results have the dtype of
-        the values; a kernel is compiled when that pays. Raises an error if shapes do not broadcast, an array of `out`
-        does not fit, or a limit is exceeded.
+        """Return the results for checked arguments of one state or of many; `values` are the arguments and `shapes`
+        their leading shapes, both by name. Outputs named in `out` are written into its arrays. If `dtype` is None,
+        the results have the dtype of the values; a kernel is compiled when that pays. Raises an error if shapes do
+        not broadcast, an array of `out` does not fit, or a limit is exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -458,8 +458,8 @@ class Call:
 
 def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library: Library) -> Any:
     """Return the components of an input as numbers and arrays of a library: a tuple, or the only component if
-    sample_shape is (). `value` is a number, a tuple of components, or an array of NumPy, which is converted, or of
-    the library; `name` is the input's name in messages.
+    sample_shape is (). `value` is a number, a tuple of components, an array of the library, or an array of NumPy,
+    which is converted; `name` is the input's name in messages.
     """
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)

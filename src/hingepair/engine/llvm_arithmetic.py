@@ -82,8 +82,8 @@ class Carry(NamedTuple):
 
 class KernelStep(NamedTuple):
     """One LLVM function of a kernel's program: its `name`, the values to compute (`lines`), and the input components
-    to load (`loads`, lists of their indices by input). If `lines` is empty, it may be a step that computes the sines
-    of `angles` by a shared function.
+    to load (`loads`, lists of their indices by input). A step of sines has no `lines`; it computes the sines of
+    `angles` by a shared function.
 
     Attributes:
         name: name of the LLVM function.

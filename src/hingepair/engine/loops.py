@@ -67,8 +67,9 @@ _WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
 
 
 class KernelKey(NamedTuple):
-    """Key by which a program finds a kernel: which input arrays are uniform (equal for all inner samples), how many
-    components each output array has, and the dtype's character.
+    """Key by which a program finds a kernel: `uniform` says for each input array whether it is equal for all inner
+    samples, `widths` are the numbers of components of the output arrays, and dtype_char is "d" (float64) or "f"
+    (float32).
 
     Attributes:
         uniform: for each input array, whether it stays the same along the inner axis.
@@ -174,8 +175,8 @@ class OperationCounts(NamedTuple):
 
 
 class TracedFunction(NamedTuple):
-    """A traced function: the traced values of its constants, of the components of each input array (`arrays`), and
-    its results by name.
+    """A traced function: `constants` are the traced values of its constants, `arrays` holds for each input array the
+    traced values of its components, and `results` are its results by name.
 
     Attributes:
         constants: traced values of the constants.

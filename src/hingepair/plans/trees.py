@@ -50,8 +50,9 @@ then those of each frame, in the order of these three dictionaries."""
 
 
 class Form(NamedTuple):
-    """The structure of a robot: joint names, parents, kinds and columns in q, and which of its constants are 0, 1 or
-    -1. Robots of equal form share programs.
+    """The structure of a robot: `names`, `parents`, `slides` (whether it is a slider) and `columns` (its column in q)
+    hold one value for each joint, and `known` the constants of the robot that are 0, 1 or -1 (else None). Robots of
+    equal form share programs.
 
     Attributes:
         names: names of the joints in generated code.
