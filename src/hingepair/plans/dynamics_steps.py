@@ -105,7 +105,7 @@ _NET_LOAD_STEPS = (
 )
 """Steps to the loads less the forces of a motion without accelerations."""
 
-_ROTATION_POINT_STEPS_BY_BASE = {
+_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE = {
     "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
     "pinned": (Step("point", _zero_vector, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
     "carried": (Step("inertia_about_point", dyn.pair_inertia, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
@@ -156,7 +156,7 @@ def inertia_steps(base: str) -> tuple[Step, ...]:
 
     The values of `base` are explained in `forward_dynamics_steps`.
     """
-    return (*_MASS_CENTRE_AND_INERTIA_STEPS, *_ROTATION_POINT_STEPS_BY_BASE[base])
+    return (*_MASS_CENTRE_AND_INERTIA_STEPS, *_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE[base])
 
 
 @functools.lru_cache(maxsize=64)

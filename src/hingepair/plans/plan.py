@@ -29,7 +29,7 @@ from hingepair.plans.steps import (
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
-    JACOBIAN_AND_BIAS_STEPS,
+    JACOBIAN_AND_ACCELERATION_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
@@ -284,7 +284,7 @@ def all_steps(
     if any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in given_names):
         return forward_dynamics_steps(tuple(steps))
     steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
-    steps += [*JACOBIAN_AND_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
+    steps += [*JACOBIAN_AND_ACCELERATION_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
     return tuple(step for step in steps if step.result not in given_names)

@@ -257,7 +257,7 @@ PLANAR_KINEMATICS_STEPS = (
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
 
 
-JACOBIAN_AND_BIAS_STEPS = (
+JACOBIAN_AND_ACCELERATION_BIAS_STEPS = (
     Step("turns", lambda: by.WORLD_UNIT_VECTORS, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
