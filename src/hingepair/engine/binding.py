@@ -80,8 +80,8 @@ def bind(
 ) -> BoundInputs:
     """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
     `BoundInputs`. input_shapes holds pairs (name, shape of one sample), and `values` holds numbers, arrays or tuples
-    of them by name; carried_names are the inputs that a scan carries. Arrays of one sample become constants unless
-    keep_single_samples is true.
+    of them by name; carried_names are the inputs that a scan carries from sample to sample. Arrays of one sample
+    become constants unless keep_single_samples is true.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.

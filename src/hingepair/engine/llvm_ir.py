@@ -55,7 +55,8 @@ def kernel_ir(
 ) -> str:
     """Return the LLVM module, as text, of the function `kernel(table, outer, inner)`, which computes outer times
     inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array; `single` selects float32 instead of
-    float64, and `fuse` fused multiply-adds. If `carry` is given, the kernel is a scan, else a map.
+    float64, and `fuse` fused multiply-adds. If `carry` is given, the kernel is a scan along the inner samples;
+    otherwise all samples are independent.
 
     Args:
         inputs: groups of input components, in the order of the table's rows.
@@ -112,8 +113,8 @@ class _KernelBuilder:
         self.f.do(f"call void {shared_name(function_name, self.arithmetic.float_type)}({', '.join(arguments)})")
 
     def write_kernel(self) -> None:
-        """Append all instructions of the kernel function: the loops over outer and inner samples, and the final fence
-        for streamed outputs.
+        """Append all instructions of the kernel function: the loops over outer and inner samples, and the memory
+        fence after streaming stores.
         """
         f, arithmetic = self.f, self.arithmetic
         table = [
@@ -297,8 +298,8 @@ class _InputReader:
 
     def read_uniform(self, chains_left: str) -> None:
         """Append to the kernel instructions that load this input, which is equal for all inner samples, into the
-        frame: each needed component as a vector, or as a single number if there are many components. In a scan, the
-        lanes of a vector are eight chains, of which the first `chains_left` exist.
+        frame, the kernel's buffer of vectors: each needed component as a vector, or as a single number if there are
+        many components. In a scan, the lanes of a vector are eight chains, of which the first `chains_left` exist.
         """
         f = self.f
         if self.shared:
@@ -310,7 +311,8 @@ class _InputReader:
 
     def gather_components(self, row_address: str, samples_left: str) -> None:
         """Append to the kernel instructions that load the needed components of this input for eight samples into the
-        frame. The first sample is at `row_address`, and the first `samples_left` samples exist.
+        frame, the kernel's buffer of vectors. The first sample is at `row_address`, and the first `samples_left`
+        samples exist.
         """
         f = self.f
         to = self.kernel.arithmetic.slot_address(f, self.slot)
@@ -373,8 +375,9 @@ class _OutputWriter:
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append the computation of the output's address at an outer sample, and keep its names in `start` and
-        `base`. In a scan, the outer sample is the first of eight chains.
+        """Append to the kernel the computation of the output's address at an outer sample, and keep the names of the
+        address as an integer and as a pointer in `start` and `base`. In a scan, the outer sample is the first of
+        eight chains.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
@@ -413,8 +416,8 @@ class _OutputWriter:
         self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {is_last}")
 
     def write_rows(self, target_address: str, is_filled: str) -> None:
-        """Append the stores of a block's eight rows from the frame to target_address. `is_filled` is the LLVM
-        condition that the rows there already contain the constants.
+        """Append to the kernel the stores of a block's eight rows from the frame, the kernel's buffer of vectors, to
+        target_address. `is_filled` is the LLVM condition that the rows there already contain the constants.
         """
         target = f"ptr {target_address}, i64 {self.row_bytes}, i1 {is_filled}"
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")

@@ -187,8 +187,8 @@ def _scatter_function(float_type: str, number_bytes: int) -> str:
 
 
 def _rows_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM code of the function `rows`, which reads the components' vectors from the frame and stores them
-    as eight rows, `pitch` bytes apart.
+    """Return the LLVM code of the function `rows`, which reads the vectors of components from the frame, a kernel's
+    buffer of vectors, and stores them as eight rows, `pitch` bytes apart.
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
     the frame. The first offset of a tile of one constant has its bits flipped; where `filled`, the rows hold such
@@ -219,8 +219,8 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
 def _panels_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM code of the function `panels`, which stores up to eight samples of an output with very many
-    components from the frame into memory of any strides. It makes rows of 64 components at a time (a panel) in the
-    stage, a small buffer, and copies them to the output.
+    components from the frame, a kernel's buffer of vectors, into memory of any strides. It makes rows of 64
+    components at a time (a panel) in the stage, a buffer on the stack, and copies them to the output.
 
     The last panel may be twice as wide as the others.
     """
@@ -241,8 +241,8 @@ def _panels_function(float_type: str, number_bytes: int) -> str:
 
 
 def _flush_function(float_type: str, number_bytes: int) -> str:
-    """Return the LLVM code of the function `flush`, which copies a block from its stage to the output by streaming
-    stores of complete cache lines.
+    """Return the LLVM code of the function `flush`, which copies a block from the stage, a buffer on the stack, to
+    the output by streaming stores of complete cache lines.
 
     The block is `bytes` bytes long and goes to the address `at`; the output begins at the address `first`. The rest
     of the block is copied in front of the stage, or written number by number if the block is the last one.

@@ -83,8 +83,9 @@ class KernelKey(NamedTuple):
 
 
 class Loop:
-    """A function of scalars with the shapes of its inputs and outputs. It is traced once for each pattern of inputs
-    and run over many samples by NumPy, Python or machine code.
+    """A function of scalars with the shapes of its inputs and outputs. It is traced once for each pattern of inputs,
+    which says what components are known numbers, constants or arrays, and run over many samples by NumPy, Python or
+    machine code.
 
     Args:
         name: name of the generated code.
@@ -209,8 +210,8 @@ class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
 
 
 class Program:
-    """A loop's function, traced and folded for one pattern of inputs, with its generated Python functions and its
-    compiled kernels.
+    """A loop's function, traced and folded for one pattern of inputs (what components are known numbers, constants or
+    arrays), with its generated Python functions and its compiled kernels.
 
     Args:
         loop: the loop.
@@ -500,9 +501,9 @@ class Program:
         shape: ArrayShape,
         dtype: np.dtype[Any],
     ) -> None:
-        """Run a scan by NumPy, for all chains at once and one sample after the other, and write the results into
-        `outputs`. `inputs` and `outputs` hold one array for each component; the chains run along the last axis of
-        `shape`.
+        """Run a scan, in which each sample takes results of the sample before it, by NumPy for all chains at once,
+        and write the results into `outputs`. `inputs` and `outputs` hold one array for each component; the chains run
+        along the last axis of `shape`.
         """
         names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]

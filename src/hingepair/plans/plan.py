@@ -179,8 +179,8 @@ def make_plan(
 ) -> Plan:
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
     give the identical object. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not
-    the identity. `trig_functions` is a pair of functions, of phi and of psi, and `given_names` are the inputs beside
-    the pair's constants. Raises an error if the sequence is unknown.
+    the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi;
+    `given_names` are the inputs beside the pair's constants. Raises an error if the sequence is unknown.
 
     Args:
         outputs: names of the outputs.
@@ -268,8 +268,9 @@ def all_steps(
 ) -> tuple[Step, ...]:
     """Return a cached tuple of all steps that are possible from the given inputs, of which a plan takes those it
     needs. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not the identity;
-    `trig_functions` is a pair of functions, of phi and of psi; `kind` is motion in space or in a plane; `given_names`
-    are the inputs beside the pair's constants. Raises an error if the sequence is unknown.
+    `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind` is motion in
+    space or in a plane; `given_names` are the inputs beside the pair's constants. Raises an error if the sequence is
+    unknown.
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
