@@ -43,7 +43,8 @@ class AngleFit:
         psi: hinge angle [rad]; shape (N,), NaN where a sample is missing. The first angle is in [-pi, pi], and there
             are no jumps by 2 pi between samples. At psi = 0, the attitude of body 2 relative to body 1 is the
             rotation by the smallest angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1
-            and n2 are more than 154 degrees apart, this attitude follows the rule that `fit` states for `home`.
+            and n2 are more than 154 degrees apart, this attitude follows the rule that `fit` states for `home`, with
+            n = n1.
         psid: rate of psi [rad/s]; shape (N,), NaN where a sample is missing. It is the measured rate minus `drift`.
         std: standard deviation of psi [rad]; shape (N,), NaN where a sample is missing.
         drift: constant bias of the measured rate of psi [rad/s].
