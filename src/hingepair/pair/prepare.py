@@ -38,7 +38,7 @@ _INPUT_NAMES_BY_KEYWORD: Final = {
     "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUT_NAMES),
 }
 # All inputs that a prepared call can take.
-_INPUT_NAMES: Final = (
+_ALLOWED_INPUT_NAMES: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
     *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUT_NAMES, *FORWARD_DYNAMICS_LOAD_NAMES),
 )
@@ -47,7 +47,7 @@ _TWO_BODY_OUTPUT_NAMES: Final = (
     *("tilt_acceleration", "psidd", "constraint_jacobian", "constraint_bias"),
 )
 """Outputs that need the motions of both bodies."""
-_OUTPUT_NAMES: Final = (
+_ALLOWED_OUTPUT_NAMES: Final = (
     *SPATIAL_MOTION_KIND.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
     *POSE_SENSITIVITY_NAMES,
@@ -170,7 +170,7 @@ def prepare(
     if rows:
         find_sequence(sequence)
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
-    output_names = default_outputs(level) if outputs is None else check_outputs(outputs, _OUTPUT_NAMES)
+    output_names = default_outputs(level) if outputs is None else check_outputs(outputs, _ALLOWED_OUTPUT_NAMES)
     plan_of = functools.partial(make_plan, sequence=sequence if rows else None, has_home="home" in constants.values)
     checks = (*(() if rows else ("attitude1_check",)), *(("attitude2_check",) if "S2" in names else ()))
     plan = plan_of((*output_names, *checks), given_names=names)
@@ -205,8 +205,8 @@ def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
             "given", f"{choices(tuple(_INPUT_NAMES_BY_KEYWORD))}, or a tuple of names", quoted(given)
         ) from None
     for name in names:
-        if name not in _INPUT_NAMES:
-            raise ArgumentError("given", choices(tuple(_INPUT_NAMES)), quoted(name))
+        if name not in _ALLOWED_INPUT_NAMES:
+            raise ArgumentError("given", choices(tuple(_ALLOWED_INPUT_NAMES)), quoted(name))
     attitudes = [name for name in names if name in {"q", *ATTITUDE1_AND_CHECK_STEPS_BY_INPUT}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))

@@ -286,7 +286,7 @@ class LazyResiduals(Results):
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
 
     def __getattr__(self, name: str) -> Any:
-        if name in _COMPUTED_REPORT_ATTRIBUTE_NAMES:
+        if name in _ATTRIBUTE_NAMES_ABSENT_FROM_LAZY_RESIDUALS:
             expected = f"LazyResiduals has no {name!r} before it is computed: report.compute(), or of motions larger"
             raise AttributeError(f"{expected} than memory report.compute_summary()", name=name, obj=self)
         return super().__getattr__(name)  # type: ignore[misc]
@@ -304,7 +304,7 @@ class LazyResiduals(Results):
 
 
 # Attributes of `Residuals` that a lazy report refuses.
-_COMPUTED_REPORT_ATTRIBUTE_NAMES = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
+_ATTRIBUTE_NAMES_ABSENT_FROM_LAZY_RESIDUALS = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
 
 
 def lazy_residuals(

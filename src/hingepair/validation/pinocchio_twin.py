@@ -65,7 +65,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        return _join_with_last(pinocchio_configuration(body1), psi=psi)
+        return _join_base_and_hinge(pinocchio_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
         """Return Pinocchio's v, shape (..., 7), for a motion of body 1 and of the hinge. Raise an ArgumentError if S,
@@ -79,7 +79,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v or omega.
         """
-        return _join_with_last(pinocchio_velocity(body1), psi=psi, psid=psid)
+        return _join_base_and_hinge(pinocchio_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Return Pinocchio's a, the spatial acceleration, shape (..., 7), for a motion of body 1 and of the hinge.
@@ -94,7 +94,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v, omega, a or alpha.
         """
-        return _join_with_last(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
+        return _join_base_and_hinge(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Compute the motion of body 2 by Pinocchio from Pinocchio's q, v and a, one sample after another; return it
@@ -241,7 +241,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     return PinocchioTwin(model, model.createData(), int(body2))
 
 
-def _join_with_last(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
+def _join_base_and_hinge(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
     """Join the arrays of `parts` and the last of the further named arguments (psi, psid, psidd) along the last axis;
     return an array with the leading axes of all, broadcast. Raise an ArgumentError if they do not broadcast.
     """

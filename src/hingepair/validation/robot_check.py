@@ -22,7 +22,7 @@ from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robo
 
 _BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_MIN_SCALED_MASS_MATRIX_EIGENVALUE = (
+_MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX = (
     1e-12  # of a mass matrix scaled to ones on its diagonal; smaller ones are rounding
 )
 
@@ -332,7 +332,7 @@ def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
     motion = (size == 0).astype(float)
     if size.all():
         least, motions = np.linalg.eigh(matrix / size / size[:, None])
-        motion = motions[:, 0] if least[0] < _MIN_SCALED_MASS_MATRIX_EIGENVALUE else motion
+        motion = motions[:, 0] if least[0] < _MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX else motion
     if not motion.any():
         return ""
     names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)

@@ -17,7 +17,7 @@ from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from hingepair.validation.report import MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE, Comparison, RateComparison
 
-_LOAD_COMPONENTS_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -28,7 +28,7 @@ loads gives, by the base and by whether the motion is in the plane; the hinge's 
 # Where the loads stand in Pinocchio's generalized force.
 _FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
-_FINITE_DIFFERENCE_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
+_FINITE_DIFFERENCE_ACCURACY_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
 _NEIGHBOUR_COUNT_PER_SIDE: Final = 3  # samples to either side whose slopes are off alike
 # Slopes of the two orders that differ by more, relative to the largest slope, are uncertain.
 _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE: Final = 1e-3
@@ -83,7 +83,7 @@ def compare_forces(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
             load_forces[i] += jacobian.T @ on_body2[i]
-    load_components = _LOAD_COMPONENTS_BY_BASE_AND_PLANARITY.get((base, is_planar), (6,))
+    load_components = _LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY.get((base, is_planar), (6,))
     other_components = [i for i in range(7) if i not in load_components]
     load_forces[:, other_components] = required_forces[:, other_components]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
@@ -161,7 +161,7 @@ def compare_rates(
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
         enough = (
-            len(t) > _FINITE_DIFFERENCE_ORDERS[0]
+            len(t) > _FINITE_DIFFERENCE_ACCURACY_ORDERS[0]
             and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE * sizes[0]
         )
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
@@ -182,7 +182,8 @@ def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> 
     (N,), NaN where the slope is uncertain.
     """
     fine, coarse = (
-        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _FINITE_DIFFERENCE_ORDERS
+        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1)
+        for order in _FINITE_DIFFERENCE_ACCURACY_ORDERS
     )
     disagreement = np.abs(fine - coarse).max(axis=-1)
     slope_error = np.max(
