@@ -1523,8 +1523,8 @@ FAULTS = {
     ),
     "a rate that no slope is compared with": Fault(
         "validation/simulated.py",
-        "is_resolved = slope_error <= _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE",
-        "is_resolved = slope_error < 0 * _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE",
+        "is_resolved = slope_error <= max_slope_error",
+        "is_resolved = slope_error < 0 * max_slope_error",
         "validation/test_simulated.py::test_a_motion_that_does_not_follow_from_its_loads_fails[fixed-space-psid]",
     ),
     "noise of a log that goes through no differences": Fault(

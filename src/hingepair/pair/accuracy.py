@@ -129,8 +129,8 @@ def output_scales(
 ) -> dict[str, Float64Array]:
     """Return the scales that the rounding errors of outputs are relative to, as a dict of arrays (...,) by output
     name (the formulas of `PROMISED_BOUND_BY_OUTPUT`). u1, u2, R1, v1 and a1 are vectors; W1 and A1 are the sizes of
-    body 1's angular velocity and acceleration. Outputs whose scale needs an argument that is not given are absent.
-    `pinocchio` enlarges the scales of alpha2 and a2 for a comparison with Pinocchio.
+    body 1's angular velocity and acceleration. Outputs whose scale needs an argument that is not given are absent. If
+    `pinocchio`, the scales of alpha2 and a2 are enlarged for a comparison with Pinocchio.
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -170,7 +170,7 @@ def _scale_formulas(
 ) -> Any:
     """Return a dict of the scales by output name, computed from sizes; a scale that needs a size which is None is
     None. U1, U2, R1, V1 and a1 are sizes of vectors; W1, A1, W and A are the sizes of body 1's angular velocity and
-    acceleration and of the hinge's. `pinocchio` adds `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT`.
+    acceleration and of the hinge's. If `pinocchio`, the `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` are added.
     """
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W

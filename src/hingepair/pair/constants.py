@@ -132,8 +132,8 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     """Return a dict of orthogonal unit vectors as tuples of components: e1, e2 and n in the axes of body 1, and
-    e1_in_2, e2_in_2 and n_in_2 in those of body 2. `n` is the unit hinge axis (..., 3), `home` the attitude of body 2
-    at psi = 0 as an array (..., 9), or None for the identity.
+    e1_in_2, e2_in_2 and n_in_2 in the axes of body 2. `n` is the unit hinge axis (..., 3), `home` the attitude of
+    body 2 at psi = 0 as an array (..., 9), or None for the identity.
     """
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)

@@ -37,8 +37,8 @@ def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: 
 def _outputs_from_body1(
     pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
-    """Compute the outputs `names` of a pair and return them as a dict of arrays by name. The further arguments are
-    the letters of the arrays of body 1 to use, such as "S", and psi and, if needed, psid as keyword arguments. Raise
+    """Compute the outputs `names` of a pair and return them as a dict of arrays by name. The arguments after `body1`
+    are the letters of the arrays of body 1 to use, such as "S"; psi and, if needed, psid are keyword arguments. Raise
     ArgumentError if one of these arrays is missing.
     """
     values = {
@@ -166,8 +166,8 @@ VELOCITY_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "o
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
     """Compute the Sensitivities, a record of the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and
-    psi (E2, E5-E8). Without psid, those of v2 and omega2 are None. `pair` are the Constants of the pair, `body1` is a
-    BodyMotion.
+    psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None. `pair` are the Constants of the pair,
+    `body1` is a BodyMotion with S, and with omega if psid is given.
     """
     if psid is None:
         outputs = _outputs_from_body1(pair, POSE_SENSITIVITY_NAMES, body1, "S", psi=psi)

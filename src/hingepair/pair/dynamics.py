@@ -182,7 +182,7 @@ def with_loads_and_masses(
 ) -> Constants:
     """Return new Constants of a pair, extended by gravity, by loads of zero, and by the mass properties of each body
     of which `needed_names` contains one (m1, c1, I1, ...). `bodies` is (body1, body2), each a Body or None. Issue a
-    DynamicsWarning for each assumed value; raise ArgumentError if a needed body is None.
+    DynamicsWarning for each assumed value; raise ArgumentError if a needed body is None or gravity is unusable.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.

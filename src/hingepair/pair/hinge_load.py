@@ -250,9 +250,9 @@ class HingeLoad:
         }
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m], a dict by name (motor, spring, damper, friction if there is any,
-        stop if there are stops). `side` is a pair (angle, rate) that selects the stop and the direction of dry
-        friction; psi and psid enter the formulas.
+        """Compute the terms of the torque [N m]. Return a dict with the keys "motor", "spring" and "damper", with
+        "friction" if there is friction, and with "stop" if there are stops. `side` is a pair (angle, rate) that
+        selects the stop and the direction of dry friction; psi and psid enter the formulas.
         """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
@@ -289,8 +289,8 @@ def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Raise ArgumentError, which names the argument `name`, if `function` is not callable with positional arguments.
-    The further arguments are the names of these, and only their number is checked.
+    """Raise ArgumentError, which names the argument `name`, if `function` cannot be called with as many positional
+    arguments as there are further arguments here. These are the names of the arguments, for the message.
 
     Raises:
         ArgumentError: the function cannot be called so.
@@ -309,7 +309,7 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Return the result of a call of `function` with the further arguments, which are arrays. Raise ArgumentError,
     which names the argument `name`, if the function fails because it treats an array as a single number; other errors
-    pass.
+    are passed on.
 
     Raises:
         ArgumentError: the callable compares or converts an array as if it were one number; names it.

@@ -150,8 +150,8 @@ class HingePair(Shown):
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of `method` for its arguments, given by keyword and containing Dask arrays, with lazy
-        Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
+        """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
+        are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_DASK_ARGUMENT, kinematics.spatial_columns)

@@ -109,8 +109,8 @@ class PlanarPair(Shown):
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of `method` for its arguments, given by keyword and containing Dask arrays, with lazy
-        Dask arrays in it. Nothing is computed. Raise ShapeError if the pair has leading axes.
+        """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
+        are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " beside Dask arrays")
         return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT, kinematics.planar_columns)
@@ -518,9 +518,9 @@ def motion_in_space(
 
 
 def _spatial_load(name: str, value: ArrayLike) -> Any:
-    """Return the value of a planar load in space. `name` is its argument: a force1 or force2 becomes a tuple of three
-    components (x, y, 0), a torque1 or torque2 becomes (0, 0, torque), and a hinge_torque stays one component. The
-    number 0 is accepted for a force.
+    """Convert the value of a planar load to space. `name` is the name of its argument: a force1 or force2 becomes a
+    tuple of three components (x, y, 0), a torque1 or torque2 becomes (0, 0, torque), and a hinge_torque stays one
+    component. The number 0 is accepted for a force.
     """
     if name == "hinge_torque":
         return kinematics.read_component(name, value)

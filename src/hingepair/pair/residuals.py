@@ -383,8 +383,8 @@ def _summarize(comparison_by_kind: Mapping[str, _ResidualComparison]) -> _Residu
 
 
 def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
-    """Return the _ResidualSummary of all samples, merged from the summaries of their chunks. These are in C order of
-    a grid with `grid_shape` chunks along each axis.
+    """Return the _ResidualSummary of all samples, merged from `summaries`, the summaries of their chunks in C order.
+    `grid_shape` holds the number of chunks along each axis.
     """
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
     starts = []  # of the chunks, along each axis
@@ -402,8 +402,8 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
 
 
 def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return a copy of the ResidualCheck of a chunk with the index of its worst sample counted from the first sample
-    of all. `chunk_start` is the index of the first sample of the chunk.
+    """Return a copy of the ResidualCheck of a chunk whose index of the worst sample counts from the first sample of
+    all chunks. `chunk_start` is the index of the first sample of the chunk.
     """
     if check.worst_sample is None:
         return check
@@ -440,7 +440,7 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
     """Return the Residuals made of a summary and of NumPy or Dask arrays by name. `name` is the name of the pair, u
-    the unit roundoff; t are the instants or None, of which the rows get those of the worst samples.
+    the unit roundoff, and t holds the instants or is None; each row gets the instant of its worst sample.
     """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)

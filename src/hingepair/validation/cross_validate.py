@@ -211,9 +211,9 @@ def _compare_with_pinocchio(
     rate_sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """Compute body 2 by Pinocchio's model `twin`, and return the report on its comparison with the given state of the
-    pair. `body1` and `hinge` (psi and, as far as given, its derivatives) have shape (N, ...); `rate_sizes` are sizes
-    of omega1 and alpha1 for the scales, and `sequence` is only for the report.
+    """Compute the motion of body 2 by Pinocchio's model `twin`, compare it with `state`, the outputs of the pair, and
+    return a CrossValidation. `body1` and `hinge` (psi and, as far as given, its derivatives) have shape (N, ...);
+    `rate_sizes` are the sizes of omega1 and alpha1 for the scales, and `sequence` is only for the report.
     """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
@@ -263,8 +263,9 @@ def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[s
 
 
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Compute the motion of body 1 by Pinocchio, as that of a chain of three joints that rotate by the Euler angles
-    (for an extrinsic sequence in reverse order). `coordinates` lists q and, as far as given, its derivatives.
+    """Compute the motion of body 1 by Pinocchio, and return it as a BodyMotion, shape (N,). Body 1 is the last link
+    of a chain of three joints that rotate by the Euler angles (for an extrinsic sequence in reverse order).
+    `coordinates` lists q and, as far as given, its derivatives, shape (N, 7) each.
     """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1

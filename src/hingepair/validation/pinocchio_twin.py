@@ -241,11 +241,12 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     return PinocchioTwin(model, model.createData(), int(body2))
 
 
-def _join_base_and_hinge(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
-    """Join the arrays of `parts` and the last of the further named arguments (psi, psid, psidd) along the last axis;
-    return an array with the leading axes of all, broadcast. Raise an ArgumentError if they do not broadcast.
+def _join_base_and_hinge(base_parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
+    """Join the coordinates of the base, a dict of arrays, and the coordinate of the hinge along the last axis, and
+    return one array. psi, psid and psidd are keyword arguments; the last of them is the coordinate that is joined.
+    The leading axes of all arguments are broadcast. Raise an ArgumentError if they do not broadcast.
     """
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
-    shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})
-    joined = [*parts.values(), list(numbers.values())[-1]]
+    shape = broadcast_shape({name: part.shape[:-1] for name, part in (base_parts | numbers).items()})
+    joined = [*base_parts.values(), list(numbers.values())[-1]]
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in joined], axis=-1)

@@ -76,8 +76,9 @@ def cross_validate_robot(
 
 
 class _RobotSamples:
-    """Coordinates of a robot and motion of its base at N samples, with the shape of the samples, a mask of the finite
-    ones and the unit roundoff. A sample at which one input is not finite is NaN in all.
+    """Coordinates of a robot (`joints`) and motion of its base (`base`) at N samples, with the leading `shape` of the
+    samples, the mask `finite`, the number `skipped` of samples that are not finite, and the unit roundoff `u`. A
+    sample at which one input is not finite is NaN in all arrays.
 
     Attributes:
         shape: leading shape, of N elements.
@@ -113,8 +114,8 @@ class _RobotSamples:
 
 
 def _samples_of_argument(value: Any, shape: tuple[int, ...], sample_rank: int) -> Float64Array:
-    """Return a copy of an argument, which is an array or a tuple of components, at every sample of a leading shape; a
-    float64 array (N, ...) with `sample_rank` axes after N.
+    """Return a copy of `value`, an array or a tuple of components, as a float64 array (N, ...) with `sample_rank`
+    axes after N. It is broadcast to the leading shape `shape` of the N samples.
     """
     array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
     sample_shape = array.shape[array.ndim - sample_rank :]
@@ -163,8 +164,8 @@ def _outputs_by_pinocchio(
     robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
     """Compute the outputs to compare by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output
-    name, NaN at samples that are not finite. Motions are those of the named frames; Jacobians are computed for `tips`
-    only.
+    name, NaN at samples that are not finite. Motions are computed for the named `frames`, Jacobians only for the
+    frames `tips`.
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
@@ -203,8 +204,8 @@ def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Ar
 
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
-    """Return the matrices that convert the velocities of the robot's mass matrix, with those of the base only if it
-    is free, to the v of Pinocchio's model `twin` at every sample; shape (N, nv, columns).
+    """Return the matrices that convert the velocities of the robot to the v of Pinocchio's model `twin`, one for each
+    sample; shape (N, nv, columns). The velocities of the robot begin with the six of the base if the base is free.
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
@@ -215,8 +216,8 @@ def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples
 
 
 def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
-    """Return Pinocchio's type of the robot's frame of that name, that of a link, of a further frame or of a joint.
-    `pin` is the module pinocchio.
+    """Return Pinocchio's FrameType of the robot's frame called `name`: BODY for a link, OP_FRAME for a further frame,
+    and JOINT for a joint. `pin` is the module pinocchio.
     """
     if name in robot.tree.links:
         return pin.FrameType.BODY
@@ -279,7 +280,7 @@ def _mass_outputs(
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
     """Return the kinetic energy [J] of links and rotors at one state, Pinocchio's q and v. Pinocchio (the module
-    `pin`) computes that of the links from the model `twin`.
+    `pin`) computes the energy of the links from the model `twin`.
     """
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
@@ -349,7 +350,8 @@ def _output_scales(
     our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
     """Return a dict of the error scales of all outputs by name; their shapes broadcast against the outputs. `frames`
-    maps the compared names to frames, `tips` names those with Jacobians, and `our_outputs` are hingepair's results.
+    holds the compared Frames by name, `tips` names the frames with Jacobians, and `our_outputs` are the results of
+    hingepair.
     """
     states = _pinocchio_states(twin, samples)
     joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]

@@ -26,7 +26,7 @@ from hingepair.pair.body_motion import BodyMotion
 FRAME_MOTION_NAMES = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the position, attitude, velocities and accelerations of a frame."""
 _SIZE_KEY_BY_FRAME_MOTION_NAME = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
-"""Symbols of the scales of a frame's motion by the name of the quantity; the attitude's scale is by itself."""
+"""Keys of the dicts of sizes by the name of a quantity of a frame's motion; the scale of S is computed apart."""
 
 
 class RobotScales:
@@ -75,7 +75,7 @@ class RobotScales:
 
     def jacobian(self, frame: Frame) -> Float64Array:
         """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints); the first six columns
-        are those of the base.
+        belong to the base.
 
         Pinocchio first computes the motions of the joints at the origin of the world; therefore positions count.
         """
@@ -188,9 +188,9 @@ class RobotScales:
 def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
 ) -> dict[str, Any]:
-    """Return a dict of the sizes of the motion (R, W, A, v, a) of the body behind a joint, from those of the body
-    before it. `length` is the length of the joint's offset, `rate` and `acceleration` are the sizes of its own
-    motion, linear if `is_slider`, else angular.
+    """Return a dict of the sizes of the motion (R, W, A, v, a) of the body behind a joint, from `sizes`, the sizes
+    for the body before the joint. `length` is the length of the joint's offset; `rate` and `acceleration` are the
+    sizes of the joint's motion, linear if `is_slider`, else angular.
     """
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turn, shift = (0.0, rate) if is_slider else (rate, 0.0)

@@ -29,9 +29,6 @@ loads gives, by the base and by whether the motion is in the plane; the hinge's 
 _FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
 _FINITE_DIFFERENCE_ACCURACY_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
-_NEIGHBOUR_COUNT_PER_SIDE: Final = 3  # samples to either side whose slopes are off alike
-# Slopes of the two orders that differ by more, relative to the largest slope, are uncertain.
-_MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE: Final = 1e-3
 # Largest accepted error of a rate; a rate that belongs to other values differs by more.
 _RATE_TOLERANCE_TO_LARGEST_RATE: Final = 0.05
 # Where a rate changes by more between two samples, an oscillation may be hidden between them.
@@ -48,9 +45,10 @@ def compare_forces(
     base: str,
     is_planar: bool,
 ) -> tuple[Comparison, ...]:
-    """Compare the loads of a simulated motion with the forces that the motion requires according to Pinocchio's
-    inverse dynamics (`rnea`); return a tuple with a Comparison for each load. `hinge` is (psi, psi', psi''); forces
-    that hold a base that is not free, or a planar motion in its plane, are no loads.
+    """Compare `loads`, the arrays of the loads of a simulated motion by name, with the forces that the motion
+    requires according to Pinocchio's inverse dynamics (`rnea`); return a tuple with a Comparison for each load.
+    `hinge` is (psi, psi', psi''). `base` says how body 1 is held, such as "pinned"; components of forces that only
+    hold body 1, or a planar motion in its plane, are not compared.
 
     Args:
         pair: the pair in space, with its masses.
@@ -133,9 +131,9 @@ def _force_scales(
 def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
-    """Compare the rates of a motion with the slopes of their quantities by finite differences; return a tuple with a
-    RateComparison for each rate. `hinge` is (psi, psi', psi''); the rates of body 1 are compared only if
-    `body1_moves`.
+    """Compare the rates of a motion, such as v1, with slopes of their quantities, such as R1, by finite differences;
+    return a tuple with a RateComparison for each rate. `hinge` is (psi, psi', psi''); the rates of the BodyMotion
+    `body1` are compared only if `body1_moves`.
 
     Only instants at which slopes of order 6 and order 4 agree are compared: not those beside kinks, and none where
     the instants are too few for the motion. A rate that differs is wrong; one that is not compared may be right.
@@ -178,20 +176,17 @@ def compare_rates(
 
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
-    """Return the largest difference of a rate from the slope of values, both of shape (N, k), at each instant; shape
-    (N,), NaN where the slope is uncertain.
+    """Return the largest difference of a rate from the slope of values, both of shape (N, k), at each instant t; an
+    array of shape (N,), NaN where the slope is uncertain: slopes of two orders of accuracy differ too much.
     """
     fine, coarse = (
         np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1)
         for order in _FINITE_DIFFERENCE_ACCURACY_ORDERS
     )
     disagreement = np.abs(fine - coarse).max(axis=-1)
-    slope_error = np.max(
-        [
-            np.roll(np.pad(disagreement, _NEIGHBOUR_COUNT_PER_SIDE), k)
-            for k in range(-_NEIGHBOUR_COUNT_PER_SIDE, _NEIGHBOUR_COUNT_PER_SIDE + 1)
-        ],
-        axis=0,
-    )[_NEIGHBOUR_COUNT_PER_SIDE:-_NEIGHBOUR_COUNT_PER_SIDE]
-    is_resolved = slope_error <= _MAX_SLOPE_DIFFERENCE_TO_LARGEST_SLOPE * np.nanmax(np.abs(fine), initial=0.0)
+    reach = 3  # samples to either side of an uncertain slope whose slopes are uncertain too
+    shifts = [np.roll(np.pad(disagreement, reach), k) for k in range(-reach, reach + 1)]
+    slope_error = np.max(shifts, axis=0)[reach:-reach]
+    max_slope_error = 1e-3 * np.nanmax(np.abs(fine), initial=0.0)
+    is_resolved = slope_error <= max_slope_error
     return np.where(is_resolved, np.abs(rate - fine).max(axis=-1), np.nan)
