@@ -1000,7 +1000,7 @@ FAULTS = {
     ),
     "biases of gyroscopes taken for known": Fault(
         "measured/inertial.py",
-        "prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)",
+        "prior = np.full(6, np.sqrt(residuals @ residuals / residuals.size) / bias)",
         "prior = np.full(6, 1e9)",
         "measured/test_inertial.py::test_biases_of_gyroscopes_are_found_with_the_axis",
     ),
@@ -1114,8 +1114,8 @@ FAULTS = {
     ),
     "the sign between two axes left to chance": Fault(
         "measured/inertial.py",
-        "if alike[1] > alike[0]:",
-        "if alike[1] < alike[0]:",
+        "if sign_correlations[1] > sign_correlations[0]:",
+        "if sign_correlations[1] < sign_correlations[0]:",
         "measured/test_inertial.py::test_exact_rates_give_both_axes_and_the_sign_between_them",
     ),
     # whole robots

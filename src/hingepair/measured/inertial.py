@@ -35,21 +35,17 @@ from hingepair.rotations.matrices import skew
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
-_MAX_START_TRIAL_SAMPLES = 400  # samples that starts are tried with
-# Number of random starts of a fit.
-_NUM_RANDOM_STARTS = 10
-_MAX_DESCENT_STEPS = 60  # of a Levenberg-Marquardt descent
-_MAX_START_TRIAL_STEPS = 12  # of a descent that compares starts
+_MAX_THINNED_SAMPLES_PER_START_TRIAL = 400  # samples that starts are tried with
 _NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
-_KNOWN_BIAS_STD = 1e-9  # standard deviation of a bias that is known to be 0
 _ROUNDING_RESIDUAL_TO_READING_SIZE = 1e-13  # residuals that rounding explains
 _MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
 _MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
 _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
 """Residuals that are not noise: the axis is still reliable below this."""
-_MAX_FORCE_RESIDUAL_TO_RMS_DIFFERENCE_OF_BODIES = 0.07
-"""Residuals that are not noise, over the difference of both forces: the point is still reliable below this."""
+_MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
+"""Residuals that are not noise, over the difference between the sizes of both forces: the point is still reliable
+below this."""
 _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
 _MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM = 1e-10  # from which a direction is not rounding
 _MIN_AXIS_SIGNAL_TO_NOISE = 10.0
@@ -166,31 +162,38 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
             int(known.sum()),
         )
     w1, w2 = omega1[known], omega2[known]
-    step = -(-w1.shape[0] // _MAX_START_TRIAL_SAMPLES)
+    step = -(-w1.shape[0] // _MAX_THINNED_SAMPLES_PER_START_TRIAL)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
-    axes, rest = _fit_from_starts(
+    axes, residuals = _fit_from_starts(
         _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _step_axes_and_biases, starts
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and rest @ rest > (_ROUNDING_RESIDUAL_TO_READING_SIZE * size) ** 2:
+    if bias > 0 and residuals @ residuals > (_ROUNDING_RESIDUAL_TO_READING_SIZE * size) ** 2:
         for _ in range(_NUM_BIAS_FIT_ROUNDS):
-            prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
-            unknowns, whole = _levenberg_marquardt(
+            prior = np.full(6, np.sqrt(residuals @ residuals / residuals.size) / bias)
+            unknowns, all_residuals = _levenberg_marquardt(
                 _rate_residual_function(w1, w2, prior), _step_axes_and_biases, unknowns
             )
-            rest = whole[: w1.shape[0]]
+            residuals = all_residuals[: w1.shape[0]]
     n1, n2, bias1, bias2 = unknowns
-    alike = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
-    if alike[1] > alike[0]:
+    sign_correlations = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
+    if sign_correlations[1] > sign_correlations[0]:
         n2 = -n2
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
-    _, change = _rate_residual_function(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
-    rms = float(np.sqrt(rest @ rest / rest.size))
-    own, beside, bias_std = _derivatives_without_biases(change, 4, rest, prior, bias)
+    _, derivatives = _rate_residual_function(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
+    rms = float(np.sqrt(residuals @ residuals / residuals.size))
+    sample_derivatives, prior_derivatives, bias_std = _derivatives_without_biases(
+        derivatives, 4, residuals, prior, bias
+    )
     covariance, unseen = _covariance(
-        np.zeros(4), rest, own, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL_TO_NOISE, beside
+        np.zeros(4),
+        residuals,
+        sample_derivatives,
+        residuals @ residuals / 2 * np.eye(4),
+        _MIN_AXIS_SIGNAL_TO_NOISE,
+        prior_derivatives,
     )
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
@@ -201,18 +204,18 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         for i, s in enumerate(std, start=1)
         if s > _MAX_INERTIAL_AXIS_STD
     ]
-    usual = size / np.sqrt(2 * w1.shape[0])
+    rms_rate = size / np.sqrt(2 * w1.shape[0])
     if (
-        rms > _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * usual
-        and _correlation(rest) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        rms > _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * rms_rate
+        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
         )
-    elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * usual:
+    elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * rms_rate:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(alike) < _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN:
+    if max(sign_correlations) < _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
@@ -285,18 +288,18 @@ def fit_anchor(
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    where = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE_SAMPLES)
-    if not where:
+    pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE_SAMPLES)
+    if not pieces:
         raise FitError(
             ", ".join(named_vectors), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
         )
-    used = np.concatenate(where)
-    smooth = [smooth_columns(time, omega, where, None) for omega in (omega1, omega2)]
+    used = np.concatenate(pieces)
+    smooth = [smooth_columns(time, omega, pieces, None) for omega in (omega1, omega2)]
     gammas = [acceleration_matrices(*each.values[:2, used]) for each in smooth]
     if not any(np.abs(gamma).max() > 0 for gamma in gammas):
         raise FitError("omega1_b1, omega2_b2", "bodies that turn", "none that does")
 
-    usual = np.repeat(
+    bias_stds = np.repeat(
         (
             number_not_below_0("accelerometer_bias", accelerometer_bias),
             number_not_below_0("gyroscope_bias", gyroscope_bias),
@@ -304,14 +307,16 @@ def fit_anchor(
         6,
     )
     forces = [force[used] for force in (force1, force2)]
-    rates, changes = [[each.values[order, used] for each in smooth] for order in range(2)]
-    unknowns, rest, prior = _point_and_biases(forces, rates, changes, usual)
+    rates, rate_derivatives = [[each.values[order, used] for each in smooth] for order in range(2)]
+    unknowns, residuals, prior = _point_and_biases(forces, rates, rate_derivatives, bias_stds)
     u = unknowns[:6]
-    _, change = _force_residual_function(forces, rates, changes, prior)(unknowns)
-    own, beside, bias_std = _derivatives_without_biases(change, 6, rest, prior, usual)
-    change = np.concatenate((own, beside))
+    _, derivatives = _force_residual_function(forces, rates, rate_derivatives, prior)(unknowns)
+    sample_derivatives, prior_derivatives, bias_std = _derivatives_without_biases(
+        derivatives, 6, residuals, prior, bias_stds
+    )
+    derivatives = np.concatenate((sample_derivatives, prior_derivatives))
     if n1 is None or n2 is None:
-        along = np.linalg.eigh(change.T @ change)[1][:, 0]
+        along = np.linalg.eigh(derivatives.T @ derivatives)[1][:, 0]
         gauge = np.eye(6) - np.outer(along, along)
     else:
         axis1, axis2 = (np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2)))
@@ -322,14 +327,19 @@ def fit_anchor(
     deviations = [each.deviations[1, used] for each in smooth]
     noise = _lever_noise_matrix(forces, gammas, u, deviations)
     inner, unseen = _covariance(
-        across.T @ u, rest, own @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL_TO_NOISE, beside @ across
+        across.T @ u,
+        residuals,
+        sample_derivatives @ across,
+        across.T @ noise @ across,
+        _MIN_POINT_SIGNAL_TO_NOISE,
+        prior_derivatives @ across,
     )
     covariance = gauge @ across @ inner @ across.T @ gauge.T
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
     reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_REFERENCE_LEVER_LENGTH)
-    findings = _point_sentences(std, reach, rest, forces)
+    findings = _point_sentences(std, reach, residuals, forces)
     ok = not findings
     for name, column in named_vectors.items():
         check = gyroscope_suspicions if name.startswith("omega") else accelerometer_suspicions
@@ -341,7 +351,7 @@ def fit_anchor(
         bias1=read_only(unknowns[6:9]),
         bias2=read_only(unknowns[9:12]),
         bias_std=read_only(bias_std[:6].reshape(2, 3)),
-        rms=float(np.sqrt(rest @ rest / used.size)),
+        rms=float(np.sqrt(residuals @ residuals / used.size)),
         ok=ok,
         findings=tuple(findings),
     )
@@ -362,8 +372,8 @@ def _point_sentences(
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
-        rms > _MAX_FORCE_RESIDUAL_TO_RMS_DIFFERENCE_OF_BODIES * np.sqrt(np.mean(apart**2))
-        and _correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        rms > _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE * np.sqrt(np.mean(apart**2))
+        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
     ):
         findings.append(
             f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
@@ -372,10 +382,10 @@ def _point_sentences(
     return findings
 
 
-def _correlation(rest: Float64Array) -> float:
-    """Return the correlation of residuals (N,) with their neighbours; 0 where all residuals are 0."""
-    power = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / power if power > 0 else 0.0
+def _neighbour_correlation(residuals: Float64Array) -> float:
+    """Return the correlation of residuals (N,) with their neighbours; 0 if all residuals are 0."""
+    power = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) / power if power > 0 else 0.0
 
 
 def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
@@ -421,26 +431,26 @@ def _point_and_biases(
     count = rates[0].shape[0]
     rng = np.random.default_rng(0)
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-count // _MAX_START_TRIAL_SAMPLES))
+    some = slice(None, None, -(-count // _MAX_THINNED_SAMPLES_PER_START_TRIAL))
     thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, rate_derivatives))
-    u, rest = _fit_from_starts(
+    u, residuals = _fit_from_starts(
         _force_residual_function(thin1, thin2, thin3),
         _force_residual_function(forces, rates, rate_derivatives),
         np.add,
         starts,
     )
     unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if bias_stds.any() and rest @ rest > _ROUNDING_RESIDUAL_TO_READING_SIZE**2 * sum(
+    if bias_stds.any() and residuals @ residuals > _ROUNDING_RESIDUAL_TO_READING_SIZE**2 * sum(
         float((force * force).sum()) for force in forces
     ):
         for _ in range(_NUM_BIAS_FIT_ROUNDS):
-            noise = np.sqrt(rest @ rest / rest.size)
-            prior = noise / np.where(bias_stds > 0, bias_stds, _KNOWN_BIAS_STD)
-            unknowns, whole = _levenberg_marquardt(
+            noise = np.sqrt(residuals @ residuals / residuals.size)
+            prior = noise / np.where(bias_stds > 0, bias_stds, 1e-9)  # 0: known to be without bias
+            unknowns, all_residuals = _levenberg_marquardt(
                 _force_residual_function(forces, rates, rate_derivatives, prior), np.add, unknowns
             )
-            rest = whole[:count]
-    return unknowns, rest, prior
+            residuals = all_residuals[:count]
+    return unknowns, residuals, prior
 
 
 def _lever_noise_matrix(
@@ -520,12 +530,12 @@ def _force_residual_function(
         biases = np.zeros(12) if prior is None else x[6:]
         felt, by_lever, by_bias, by_rate = [], [], [], []
         for i, (force, omega, alpha) in enumerate(zip(forces, rates, rate_derivatives, strict=True)):
-            own = slice(3 * i, 3 * i + 3)
-            u, turning = x[own], omega - biases[6:][own]
+            components = slice(3 * i, 3 * i + 3)
+            u, turning = x[components], omega - biases[6:][components]
             gamma = acceleration_matrices(turning, alpha)
-            whole = force - biases[own] + gamma @ u
-            size = np.maximum(np.linalg.norm(whole, axis=-1), 1e-300)
-            unit = whole / size[:, None]
+            hinge_force = force - biases[components] + gamma @ u
+            size = np.maximum(np.linalg.norm(hinge_force, axis=-1), 1e-300)
+            unit = hinge_force / size[:, None]
             felt.append(size)
             by_lever.append((unit[:, None] @ gamma)[:, 0])
             if prior is not None:
@@ -533,13 +543,13 @@ def _force_residual_function(
                 # of turning x (turning x u), less the bias
                 arm = np.cross(turning, u)
                 by_rate.append(np.cross(arm, -unit) - np.cross(np.cross(unit, turning), u))
-        rest = felt[0] - felt[1]
-        change = np.concatenate((by_lever[0], -by_lever[1]), axis=-1)
+        differences = felt[0] - felt[1]
+        derivatives = np.concatenate((by_lever[0], -by_lever[1]), axis=-1)
         if prior is None:
-            return rest, change
-        change = np.concatenate((change, by_bias[0], -by_bias[1], by_rate[0], -by_rate[1]), axis=-1)
+            return differences, derivatives
+        derivatives = np.concatenate((derivatives, by_bias[0], -by_bias[1], by_rate[0], -by_rate[1]), axis=-1)
         rows = np.concatenate((np.zeros((12, 6)), np.diag(prior)), axis=1)
-        return np.concatenate((rest, prior * biases)), np.concatenate((change, rows))
+        return np.concatenate((differences, prior * biases)), np.concatenate((derivatives, rows))
 
     return linearise
 
@@ -554,7 +564,7 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     squares = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=-1), size)[0].reshape(2, 3, 3)
     linear = np.linalg.eigh((squares + np.swapaxes(squares, -1, -2)) / 2)[1][..., -1]
     principal = np.linalg.eigh(np.stack((w1.T @ w1, w2.T @ w2)))[1][..., -1]
-    random = np.random.default_rng(0).normal(size=(_NUM_RANDOM_STARTS, 2, 3))
+    random = np.random.default_rng(0).normal(size=(10, 2, 3))
     random /= np.linalg.norm(random, axis=-1, keepdims=True)
     return [linear, principal, *random]
 
@@ -574,18 +584,19 @@ def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Ar
         """
         axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
         frames = [frame(n) for n in axes]
-        in_axes = [(w - bias) @ own for w, bias, own in zip((w1, w2), biases, frames, strict=True)]
+        in_axes = [(w - bias) @ axes_frame for w, bias, axes_frame in zip((w1, w2), biases, frames, strict=True)]
         sizes = [np.maximum(np.hypot(w[:, 0], w[:, 1]), 1e-300) for w in in_axes]
         rows = [-w[:, 2:] * w[:, :2] / size[:, None] for w, size in zip(in_axes, sizes, strict=True)]
-        rest, change = sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+        differences, derivatives = sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
         if prior is None:
-            return rest, change
+            return differences, derivatives
         by_bias = [
-            -(w[:, :2] / size[:, None]) @ own[:, :2].T for w, size, own in zip(in_axes, sizes, frames, strict=True)
+            -(w[:, :2] / size[:, None]) @ axes_frame[:, :2].T
+            for w, size, axes_frame in zip(in_axes, sizes, frames, strict=True)
         ]
-        change = np.concatenate((change, by_bias[0], -by_bias[1]), axis=-1)
-        below = np.concatenate((np.zeros((6, 4)), np.diag(prior)), axis=1)
-        return np.concatenate((rest, prior * biases.ravel())), np.concatenate((change, below))
+        derivatives = np.concatenate((derivatives, by_bias[0], -by_bias[1]), axis=-1)
+        prior_rows = np.concatenate((np.zeros((6, 4)), np.diag(prior)), axis=1)
+        return np.concatenate((differences, prior * biases.ravel())), np.concatenate((derivatives, prior_rows))
 
     return linearise
 
@@ -594,8 +605,10 @@ def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Arra
     """Return the rows of `axes`, both axes and the biases, if any, after a step. The step holds two rotations [rad]
     of each axis, then the changes of the biases.
     """
-    there = np.stack([tilt_axis(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
-    return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
+    tilted_axes = np.stack(
+        [tilt_axis(n, rotations) for n, rotations in zip(axes[:2], step[:4].reshape(2, 2), strict=True)]
+    )
+    return np.concatenate((tilted_axes, axes[2:] + step[4:].reshape(-1, 3)))
 
 
 def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
@@ -634,12 +647,12 @@ def _fit_from_starts(
     function of the unknowns that returns residuals and derivatives; `linearise_few`, the same on fewer samples,
     compares the starts. `move` is a function that returns the unknowns after a step.
     """
-    tried = [_levenberg_marquardt(linearise_few, move, start, _MAX_START_TRIAL_STEPS) for start in starts]
+    tried = [_levenberg_marquardt(linearise_few, move, start, max_steps=12) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
 
 
 def _levenberg_marquardt(
-    linearise: Linearise, move: Move, start: Float64Array, max_steps: int = _MAX_DESCENT_STEPS
+    linearise: Linearise, move: Move, start: Float64Array, max_steps: int = 60
 ) -> tuple[Float64Array, Float64Array]:
     """Return the least-squares solution that the Levenberg-Marquardt method reaches from a start in at most
     `max_steps` steps, and its residuals. `linearise` is a function of the unknowns that returns residuals and

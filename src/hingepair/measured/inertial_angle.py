@@ -27,11 +27,10 @@ _NUM_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to
 _MIN_VECTOR_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
 _MAX_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
 _DIRECTION_LOSS_SCALE_IN_VARIANCES = 4.0  # of squared residuals, above which a direction counts less
-_MAX_SCATTER_ABOUT_INTEGRATED_ANGLE_TO_NOISE = 3.0  # of directions about the integrated angle
-_MIN_READING_NOISE_STD = 1e-9  # of a component of a vector that both sensors read [its unit]
+_MAX_DIRECTION_SCATTER_TO_NOISE = 3.0  # of directions about the most likely angle
 _MIN_DIRECTION_NOISE_STD = 1e-9  # [rad]
 _MIN_RATE_BIAS_STD = 1e-9  # [rad/s]
-_UNKNOWN_ANGLE_STD = 1e6  # [rad], of an angle, or a change over a gap, that nothing measures
+_PRIOR_STD_OF_UNMEASURED_ANGLE = 1e6  # [rad], of an angle, or a change over a gap, that nothing measures
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -157,7 +156,7 @@ def fit_angle(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if estimate.excess > _MAX_SCATTER_ABOUT_INTEGRATED_ANGLE_TO_NOISE:
+    if estimate.excess > _MAX_DIRECTION_SCATTER_TO_NOISE:
         findings.append(
             f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
@@ -195,7 +194,7 @@ def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Fl
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
     sizes = np.abs(a), np.abs(b)
-    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_READING_NOISE_STD)
+    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), 1e-9)
     least = max(_MIN_VECTOR_ACROSS_AXIS_TO_LARGEST * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
@@ -220,7 +219,7 @@ def _most_likely_angle(
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
     step_weights = 1 / (rate_noise * dt) ** 2
-    step_weights[piece_starts - 1] = 1 / _UNKNOWN_ANGLE_STD**2
+    step_weights[piece_starts - 1] = 1 / _PRIOR_STD_OF_UNMEASURED_ANGLE**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
@@ -283,13 +282,13 @@ def _solve_smoother(
     matrix[0, 1:] = -step_weights
     matrix[1, 1:] += step_weights
     matrix[1, :-1] += step_weights
-    matrix[1] += angle_weights.sum(axis=0) + 1 / _UNKNOWN_ANGLE_STD**2
+    matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_ANGLE**2
     right += (angle_weights * np.where(angle_weights > 0, angles, 0.0)).sum(axis=0)
     x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
-    own = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_RATE_BIAS_STD) ** 2 - border @ y
-    drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / own)
-    variance = inverse_bands(matrix, 1)[0, :count] + y * y / own
-    return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(own)))
+    drift_precision = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_RATE_BIAS_STD) ** 2 - border @ y
+    drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / drift_precision)
+    variance = inverse_bands(matrix, 1)[0, :count] + y * y / drift_precision
+    return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(drift_precision)))
 
 
 def _at_used_indices(values: Float64Array, used_indices: NDArray[np.intp], num_samples: int) -> Float64Array:

@@ -39,8 +39,8 @@ _ANGULAR_VELOCITY_DIFFERENCE_ORDER = 6  # of the differences that make omega and
 # Names of a smoothed quantity and its derivatives.
 _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
 _RECORDED_QUANTITY_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
-# Correlation of what is left of neighbouring samples, that is not warned of.
-_MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.2
+# Above, a warning says so.
+_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS = 0.2
 _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
 _MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
@@ -383,7 +383,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.left > max(_MAX_NEIGHBOUR_RESIDUAL_CORRELATION, 4 / np.sqrt(count)):
+    elif smoothed.left > max(_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS, 4 / np.sqrt(count)):
         sentences.append(
             f"{name}: what smoothing leaves of neighbouring samples is correlated ({smoothed.left:.2g}): motion that "
             f"the bandwidth of {smoothed.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
@@ -402,10 +402,14 @@ def _noise_suspicions(
     `noise` are dicts of the derivatives and of the standard deviations of their noise. The list is empty if no
     derivative is mostly noise.
     """
-    drowned = []
+    noisy_derivatives = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
         if noise[letter] > _MAX_NOISE_TO_RMS_DERIVATIVE * size:
             unit = unit_of(letter)
-            drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
-    return [f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"] if drowned else []
+            noisy_derivatives.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
+    return (
+        [f"{'; '.join(noisy_derivatives)} (rms of a component): a lower bandwidth leaves less"]
+        if noisy_derivatives
+        else []
+    )
