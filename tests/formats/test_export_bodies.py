@@ -13,7 +13,12 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_writers import BODY1, BODY2, BODY2_AT_HINGE, HINGE
+from hingepair.formats.model_writers import (
+    BODY1_LINK_NAME,
+    BODY2_AT_HINGE_LINK_NAME,
+    BODY2_LINK_NAME,
+    HINGE_JOINT_NAME,
+)
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import WRITERS, corner_pair
@@ -56,7 +61,7 @@ def test_mujoco_reads_the_mass_properties(k, write):
     eigen = 2.0**-38 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2.0**-20
     pair = laden_pair(k)
     model = mujoco.MjModel.from_xml_string(write(pair))
-    for name, body, origin in ((BODY1, pair.body1, 0), (BODY2_AT_HINGE, pair.body2, pair.u2)):
+    for name, body, origin in ((BODY1_LINK_NAME, pair.body1, 0), (BODY2_AT_HINGE_LINK_NAME, pair.body2, pair.u2)):
         read = model.body(name)
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, read.iquat)
@@ -90,7 +95,7 @@ def test_the_rounded_moments_of_a_flat_body_are_written_as_a_body_has_them(write
 def test_masses_and_limits_are_read_back():
     for k in range(20):
         pair = laden_pair(k)
-        back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+        back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
         for one, two, origin in ((pair.body1, back.body1, 0), (pair.body2, back.body2, pair.u2)):
             assert two.mass == one.mass
             lengths = np.linalg.norm(one.center_of_mass) + np.linalg.norm(origin)
@@ -154,7 +159,7 @@ def test_shapes_are_read_back(k):
         hp.Cylinder(0.1, 0.4, (-1, 0, 2), turns[1, 2]),
     )
     pair = corner_pair(k, body1=hp.Body(shapes=shapes), body2=hp.Body(shapes=shapes[::-1]))
-    back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+    back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
     for body, expected in ((back.body1, shapes), (back.body2, shapes[::-1])):
         assert len(body.shapes) == len(expected)
         for one, two in zip(body.shapes, expected, strict=True):
@@ -170,7 +175,7 @@ def test_shapes_are_read_back(k):
 
 def test_a_body_with_meshes_or_shapes_of_no_size_is_drawn_by_ours():
     text = hp.to_urdf(corner_pair(1, body1=hp.Body(shapes=[hp.Sphere(0.5), hp.Box((1, 2, 3))])))
-    assert len(hp.from_urdf(text, HINGE).body1.shapes) == 2
+    assert len(hp.from_urdf(text, HINGE_JOINT_NAME).body1.shapes) == 2
     for old, new, count in (
         ('<sphere radius="0.5" />', '<mesh filename="package://arm/sphere.stl" />', 0),
         ('<sphere radius="0.5" />', '<sphere radius="big" />', 0),
@@ -179,7 +184,7 @@ def test_a_body_with_meshes_or_shapes_of_no_size_is_drawn_by_ours():
         ('<box size="1.0 2.0 3.0" />', "", 0),
     ):
         assert old in text
-        pair = hp.from_urdf(text.replace(old, new), HINGE)
+        pair = hp.from_urdf(text.replace(old, new), HINGE_JOINT_NAME)
         assert len(pair.body1.shapes) == count, new
         assert pair.body1.mass == 1
 
@@ -230,4 +235,4 @@ def test_check_urdf_accepts_it(base, tmp_path):
     done = subprocess.run([program, file], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Successfully Parsed XML" in done.stdout
-    assert BODY2 in done.stdout
+    assert BODY2_LINK_NAME in done.stdout

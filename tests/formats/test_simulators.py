@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_writers import BODY1, BODY2, HINGE
+from hingepair.formats.model_writers import BODY1_LINK_NAME, BODY2_LINK_NAME, HINGE_JOINT_NAME
 from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
@@ -44,7 +44,7 @@ def in_mujoco(text, body1, hinge):
 
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.gravity[:] = 0
-    data, body = mujoco.MjData(model), model.body(BODY2).id
+    data, body = mujoco.MjData(model), model.body(BODY2_LINK_NAME).id
     frame = mujoco.mjtObj.mjOBJ_XBODY
     found = {name: [] for name in OUTPUTS}
     for i, (psi, psid, psidd) in enumerate(hinge.T):
@@ -106,7 +106,7 @@ def test_pinocchio_moves_body2_as_a_thousand_pairs_do():
 def test_a_thousand_pairs_are_read_back():
     for k in range(1000):
         pair = corner_pair(k, limits=(-1, k / 7))
-        back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+        back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
         assert np.array_equal(back.u1, pair.u1)
         assert np.array_equal(back.u2, pair.u2)
         assert np.abs(back.home - pair.home).max() <= 16 * U, k
@@ -122,10 +122,10 @@ def test_yourdfpy_sees_the_same_pose(base):
     for k in range(30):
         pair = corner_pair(k, limits=(-4, 4) if k % 2 else None)
         robot = yourdfpy.URDF.load(io.BytesIO(hp.to_urdf(pair, base=base).encode()))
-        assert robot.actuated_joint_names[-1] == HINGE
+        assert robot.actuated_joint_names[-1] == HINGE_JOINT_NAME
         psi = states.generator(86, k).uniform(-3, 3)
-        robot.update_cfg({HINGE: psi})
-        seen = robot.get_transform(BODY2, BODY1)
+        robot.update_cfg({HINGE_JOINT_NAME: psi})
+        seen = robot.get_transform(BODY2_LINK_NAME, BODY1_LINK_NAME)
         state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, psi))
         size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
         assert np.abs(seen[:3, :3] - state.S2).max() <= 16 * U
@@ -161,7 +161,7 @@ def test_a_floating_joint_under_world_is_a_free_base():
     state = pair.forward_kinematics_from_body1(body1, hinge[0])
     for i, psi in enumerate(hinge[0]):
         pin.framesForwardKinematics(model, data, np.r_[body1.R[i], pin.Quaternion(body1.S[i]).coeffs(), psi])
-        place = data.oMf[model.getFrameId(BODY2)]
+        place = data.oMf[model.getFrameId(BODY2_LINK_NAME)]
         size = np.abs(body1.R[i]).max() + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
         assert np.abs(place.translation - state.R2[i]).max() <= 16 * U * size
         assert np.abs(place.rotation - state.S2[i]).max() <= 16 * U
@@ -178,9 +178,9 @@ def test_a_fixed_base_stands_at_the_origin(write):
     mujoco.mj_kinematics(model, data)
     state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.8))
     size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    assert np.abs(data.body(BODY2).xpos - state.R2).max() <= 16 * U * size
-    assert np.abs(data.body(BODY2).xmat.reshape(3, 3) - state.S2).max() <= 16 * U
-    assert np.array_equal(data.body(BODY1).xpos, (0, 0, 0))
+    assert np.abs(data.body(BODY2_LINK_NAME).xpos - state.R2).max() <= 16 * U * size
+    assert np.abs(data.body(BODY2_LINK_NAME).xmat.reshape(3, 3) - state.S2).max() <= 16 * U
+    assert np.array_equal(data.body(BODY1_LINK_NAME).xpos, (0, 0, 0))
 
 
 def test_an_unknown_base_is_refused():
@@ -198,7 +198,7 @@ def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, to
     import mujoco
 
     pair = corner_pair(1, limits=limits, torque_limit=torque, rate_limit=rate)
-    back = hp.from_urdf(hp.to_urdf(pair), HINGE)
+    back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME)
     none = limits is None and torque is None and rate is None
     expected = [invented if own is None else own for own, invented in ((torque, 1000.0), (rate, 100.0))]
     assert [back.torque_limit, back.rate_limit] == ([None, None] if none else expected)
@@ -228,8 +228,8 @@ def test_limits_reach_the_simulators():
     model = pin.buildModelFromXML(hp.to_urdf(pair))
     assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == pair.limits
     for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
-        joint = mujoco.MjModel.from_xml_string(text).joint(HINGE)
+        joint = mujoco.MjModel.from_xml_string(text).joint(HINGE_JOINT_NAME)
         assert joint.limited == 1
         assert tuple(joint.range) == pair.limits
     for text in (hp.to_urdf(corner_pair(1)), hp.to_mjcf(corner_pair(1))):
-        assert mujoco.MjModel.from_xml_string(text).joint(HINGE).limited == 0
+        assert mujoco.MjModel.from_xml_string(text).joint(HINGE_JOINT_NAME).limited == 0

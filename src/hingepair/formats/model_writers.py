@@ -39,11 +39,14 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
-BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
-"""Names of the links and of the joints."""
+# Names of the links and of the joints that are written.
+WORLD_LINK_NAME, BODY1_LINK_NAME, BODY2_LINK_NAME = "world", "body1", "body2"
+BODY2_AT_HINGE_LINK_NAME = "body2_at_hinge"  # its origin is the hinge point
+BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 
 _ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
-_DRAWABLE_LENGTH_RANGE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
+# Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
+_DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
 _INERTIA_MARGIN_TO_LARGEST_MOMENT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
@@ -127,24 +130,26 @@ def to_urdf(
     for part in parts:
         add_element(add_element(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
     if base != "free":
-        add_element(robot, "link", name=WORLD)
+        add_element(robot, "link", name=WORLD_LINK_NAME)
     for part in parts:
         _add_urdf_link(robot, part)
-    add_element(robot, "link", name=BODY2)
+    add_element(robot, "link", name=BODY2_LINK_NAME)
     if base != "free":
-        to_body1 = add_urdf_joint(robot, BASE, base, WORLD, BODY1)
+        to_body1 = add_urdf_joint(robot, BASE_JOINT_NAME, base, WORLD_LINK_NAME, BODY1_LINK_NAME)
         if body1 is not None:
             R, S = _checked_pose(body1)
             add_element(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
     limits = hinge_load.stops or pair.limits
-    hinge = add_urdf_joint(robot, HINGE, "revolute" if limits else "continuous", BODY1, BODY2_AT_HINGE)
+    hinge = add_urdf_joint(
+        robot, HINGE_JOINT_NAME, "revolute" if limits else "continuous", BODY1_LINK_NAME, BODY2_AT_HINGE_LINK_NAME
+    )
     add_element(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
-    add_element(hinge, "axis", xyz=axis_for_urdf(_axis2(pair)))
+    add_element(hinge, "axis", xyz=axis_for_urdf(_axis_in_body2(pair)))
     if limit := _limit_attributes(pair, limits):
         add_element(hinge, "limit", **limit)
     if hinge_load.damping or hinge_load.friction:
         add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
-    to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2)
+    to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
     add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW)
     return document(robot)
 
@@ -200,14 +205,14 @@ def to_mjcf(
     if body1 is not None:
         R, S = _checked_pose(body1)
         pose = {"pos": R, "quat": matrix_to_quaternion(S)}
-    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1, **pose)
+    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1_LINK_NAME, **pose)
     if base == "free":
-        add_element(carrier, "freejoint", name=BASE)
+        add_element(carrier, "freejoint", name=BASE_JOINT_NAME)
     elif base == "pinned":
-        add_element(carrier, "joint", name=BASE, type="ball")
+        add_element(carrier, "joint", name=BASE_JOINT_NAME, type="ball")
     _add_mjcf_body(carrier, part1)
     quat_wxyz = matrix_to_quaternion(pair.home)
-    at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
     limits = hinge_load.stops or pair.limits
     joint_attributes: dict[str, Any] = {"range": limits} if limits else {}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
@@ -216,16 +221,16 @@ def to_mjcf(
         joint_attributes |= {"stiffness": hinge_load.stiffness, "springref": hinge_load.rest}
     joint_attributes |= {"damping": hinge_load.damping} if hinge_load.damping else {}
     joint_attributes |= {"frictionloss": hinge_load.friction} if hinge_load.friction else {}
-    add_element(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **joint_attributes)
+    add_element(at_hinge, "joint", name=HINGE_JOINT_NAME, type="hinge", axis=_axis_in_body2(pair), **joint_attributes)
     _add_mjcf_body(at_hinge, part2)
-    add_element(at_hinge, "body", name=BODY2, pos=-pair.u2)
+    add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
     return document(root)
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Issue a warning,
-    which begins with `format_name`, that lists its fields that are set but not among `written_fields`. Raise an
-    ArgumentError if it is not a HingeLoad.
+    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Issue a
+    DynamicsWarning, which begins with `format_name`, that lists the fields of the load that are set but not among
+    `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
 
     Raises:
         ArgumentError: it is no HingeLoad.
@@ -259,6 +264,8 @@ def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
     """Return (shapes of body 1, shapes of body 2) that draw a HingePair, two tuples in the axes of each body. A body
     without shapes of its own gets simple ones: a box, a rod to the hinge point and a cylinder along the hinge axis.
+    Raise an ArgumentError for anything but a HingePair, and a ShapeError if its constants differ from sample to
+    sample.
 
     The box is at the reference point. The cylinder is a pin for body 1, and a wider sleeve for body 2.
 
@@ -269,9 +276,9 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
     check_pair(pair)
     check_single_pair(pair)
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
-    size = reach if _DRAWABLE_LENGTH_RANGE[0] <= reach <= _DRAWABLE_LENGTH_RANGE[1] else 1.0
+    size = reach if _DRAWABLE_LENGTH_RANGE_IN_METRES[0] <= reach <= _DRAWABLE_LENGTH_RANGE_IN_METRES[1] else 1.0
     pin = Cylinder(_round_for_drawing(0.04 * size), _round_for_drawing(0.3 * size), pair.u1, pair.n)
-    sleeve = Cylinder(_round_for_drawing(0.06 * size), _round_for_drawing(0.15 * size), pair.u2, _axis2(pair))
+    sleeve = Cylinder(_round_for_drawing(0.06 * size), _round_for_drawing(0.15 * size), pair.u2, _axis_in_body2(pair))
     one = pair.body1.shapes if pair.body1 else ()
     two = pair.body2.shapes if pair.body2 else ()
     return one or (*_arm_shapes(pair.u1, size), pin), two or (*_arm_shapes(pair.u2, size), sleeve)
@@ -299,8 +306,8 @@ def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
-    return _make_model_part(BODY1, blue, pair.body1, one, np.zeros(3)), _make_model_part(
-        BODY2_AT_HINGE, orange, pair.body2, two, pair.u2
+    return _make_model_part(BODY1_LINK_NAME, blue, pair.body1, one, np.zeros(3)), _make_model_part(
+        BODY2_AT_HINGE_LINK_NAME, orange, pair.body2, two, pair.u2
     )
 
 
@@ -317,7 +324,7 @@ def _make_model_part(
     return _ModelPart(link, colour, body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes)
 
 
-def _axis2(pair: HingePair) -> Float64Array:
+def _axis_in_body2(pair: HingePair) -> Float64Array:
     """Return the hinge axis of a pair in the axes of body 2, C^T n; shape (3,)."""
     axis: Float64Array = pair.home.T @ pair.n
     return axis
@@ -341,7 +348,7 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
     """
     box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
-    if not 0.01 * size < length < _DRAWABLE_LENGTH_RANGE[1]:
+    if not 0.01 * size < length < _DRAWABLE_LENGTH_RANGE_IN_METRES[1]:
         return (box,)
     return box, Cylinder(_round_for_drawing(0.025 * size), length, u / 2, u)
 

@@ -49,7 +49,8 @@ _POSITION_COLUMN_ALIAS_PATTERN = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)
 
 class Recording(NamedTuple):
     """Motions `body1` and `body2` at the same instants, NaN where nothing was recorded; the instants `t` as the file
-    has them, and the readings of an `encoder` at these instants. The last two are None if there are none.
+    has them, and the readings of an `encoder` at these instants. `t` and `encoder` are None if they were not
+    recorded.
     """
 
     body1: BodyMotion
@@ -159,18 +160,22 @@ def _body_instants(body: _RecordedBody) -> NDArray[Any]:
 
 
 def _position_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
+    """Return the two tuples of column names that may hold a position, for a body with this digit or ""."""
     return tuple(f"R{digit}_{c}" for c in "xyz"), tuple(f"{c}{digit}" for c in "xyz")
 
 
 def _attitude_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
+    """Return the two tuples of column names that may hold an attitude, for a body with this digit or ""."""
     return tuple(f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), tuple(f"q{c}{digit}" for c in "xyzw")
 
 
 def _pose_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
+    """Return all tuples of column names of positions and attitudes, for a body with this digit or ""."""
     return (*_position_column_names(digit), *_attitude_column_names(digit))
 
 
 def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
+    """Return whether any of the names is a column."""
     return any(name in columns for name in names)
 
 
@@ -215,6 +220,7 @@ def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, 
 
 
 def _present_columns(columns: Columns, names: Sequence[str]) -> list[str]:
+    """Return a list of the names that are columns."""
     return [name for name in names if name in columns]
 
 
@@ -238,14 +244,19 @@ def _read_columns(
     return columns
 
 
-def _component_names(name: str, tail: tuple[int, ...]) -> ArrayLike:
-    return np.reshape(column_names({name: np.empty((1, *tail))}), tail) if tail in {(3,), (3, 3)} else name
+def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
+    """Return the column names of the components of an array of vectors or matrices, by its name and the shape of a
+    sample; for other shapes return the name.
+    """
+    if sample_shape not in {(3,), (3, 3)}:
+        return name
+    return np.reshape(column_names({name: np.empty((1, *sample_shape))}), sample_shape)
 
 
 def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
-    """Return a list of those of the names that are read: instants, poses, and `encoder_column` unless it is None.
-    Names that match a pattern in `ignored_columns` are left out. Raise an ArgumentError for a column that occurs
-    twice, or that is neither known nor ignored.
+    """Return a list of the `names` to be read: instants, poses, and `encoder_column` unless it is None. Names that
+    match a pattern in `ignored_columns` are left out. Raise an ArgumentError for a column that occurs twice, or that
+    is neither known nor ignored.
     """
     known_names = [
         "t",

@@ -39,8 +39,8 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     if geared := [joint.name for joint in tree.joints if joint.armature]:
-        told = f"{tree.name}: URDF has no inertias of rotors; not written are the armatures of {', '.join(geared)}"
-        warnings.warn(told, DynamicsWarning, stacklevel=3)
+        message = f"{tree.name}: URDF has no inertias of rotors; not written are the armatures of {', '.join(geared)}"
+        warnings.warn(message, DynamicsWarning, stacklevel=3)
     return document(_UrdfWriter(tree).build(base))
 
 
@@ -132,11 +132,11 @@ class _UrdfWriter:
         element = add_urdf_joint(root, joint.name, kind, parent, child)
         add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
         add_element(element, "axis", xyz=axis_for_urdf(joint.n))
-        most = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
-        if kind != "continuous" or np.isfinite(list(most.values())).any():
+        upper_limits = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
+        if kind != "continuous" or np.isfinite(list(upper_limits.values())).any():
             limit = {
                 key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE[key]
-                for key, value in most.items()
+                for key, value in upper_limits.items()
             }
             if bounded:  # an infinite one of the two is the largest number
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
@@ -158,10 +158,12 @@ def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
 
 
 def _is_here(frame: Frame) -> bool:
+    """Return whether a frame is the frame at the joint of its body."""
     return not frame.R.any() and bool((np.eye(3) == frame.S).all())
 
 
 def _is_same_frame(one: Frame, other: Frame) -> bool:
+    """Return whether two frames have equal positions and rotations."""
     return np.array_equal(one.R, other.R) and np.array_equal(one.S, other.S)
 
 

@@ -133,6 +133,7 @@ def _expected_robot_text(robot: str) -> str:
 
 
 def _stem(name: str) -> str:
+    """Return the part of a robot's name after the last slash."""
     return name.rpartition("/")[2]
 
 

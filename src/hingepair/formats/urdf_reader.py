@@ -121,18 +121,18 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
     waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
     with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
         while waiting:
-            here, come_by = waiting.pop()
-            for joint in robot.joints_at[here]:
-                if joint.type != "fixed" or joint is come_by:
+            link_name, last_joint = waiting.pop()
+            for joint in robot.joints_at[link_name]:
+                if joint.type != "fixed" or joint is last_joint:
                     continue
-                there = joint.child if joint.parent == here else joint.parent
-                robot.check_link(there, joint)
-                if there in poses:
-                    raise URDFError(f"joint {joint.name!r}", "a tree of links", f"a circle through {there!r}")
-                poses[there] = poses[here].placed(
-                    joint.pose if there == joint.child else joint.pose.seen(IDENTITY_POSE)
+                other_link = joint.child if joint.parent == link_name else joint.parent
+                robot.check_link(other_link, joint)
+                if other_link in poses:
+                    raise URDFError(f"joint {joint.name!r}", "a tree of links", f"a circle through {other_link!r}")
+                poses[other_link] = poses[link_name].placed(
+                    joint.pose if other_link == joint.child else joint.pose.seen(IDENTITY_POSE)
                 )
-                waiting.append((there, joint))
+                waiting.append((other_link, joint))
     return poses
 
 
@@ -165,9 +165,9 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
             return Body(mass, centre, tensor, _link_shapes(robot, poses)) if heavy else None
         except ArgumentError as error:
             links = ", ".join(map(repr, heavy))
-            told = f"the mass properties of the body of {links} are left out: {error}"
+            message = f"the mass properties of the body of {links} are left out: {error}"
     if warn:
-        warnings.warn(told, UserWarning, stacklevel=4)
+        warnings.warn(message, UserWarning, stacklevel=4)
     return None
 
 

@@ -14,10 +14,6 @@ from hingepair.numeric.arrays import Float64Array
 DEFAULT_URDF_LIMIT_BY_ATTRIBUTE = {"effort": 1000.0, "velocity": 100.0}
 """Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
 
-_SNAPPED_AXIS_COMPONENT_RANGE = (
-    2.0**-53,
-    2.0**-39,
-)  # second largest components of an axis that readers may take for zero
 # Compiled when used, which takes milliseconds.
 _INVALID_XML_CHARACTER_PATTERN = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
@@ -68,11 +64,8 @@ def axis_for_urdf(axis: Float64Array) -> Float64Array:
 
     Pinocchio takes an axis that is within 1e-12 of x for x, but normalises one that is longer by more than that.
     """
-    return (
-        axis * (1 + 2 * _SNAPPED_AXIS_COMPONENT_RANGE[1])
-        if _SNAPPED_AXIS_COMPONENT_RANGE[0] < np.sort(np.abs(axis))[1] < _SNAPPED_AXIS_COMPONENT_RANGE[1]
-        else axis
-    )
+    second_largest = np.sort(np.abs(axis))[1]
+    return axis * (1 + 2.0**-38) if 2.0**-53 < second_largest < 2.0**-39 else axis
 
 
 def commented(text: str, comment: str) -> str:

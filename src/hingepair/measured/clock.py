@@ -54,7 +54,7 @@ class ClockedPoses:
         arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP_DURATION, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
-        self._rate_noise = parts["R"].errors[1], parts["S"].errors[1]
+        self._rate_noise = parts["R"].median_deviations[1], parts["S"].median_deviations[1]
         self._step = float(np.median(np.diff(t)))
 
     @staticmethod

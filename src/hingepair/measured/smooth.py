@@ -362,7 +362,7 @@ def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> di
     """Return a dict by the three given names of the noise of the samples and of the noise that remains in both
     derivatives, from the SmoothedColumns `smoothed`.
     """
-    return dict(zip(names, (smoothed.noise, *smoothed.errors[1:].tolist()), strict=True))
+    return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
 
 
 def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
@@ -378,18 +378,19 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"
     sentences = []
-    if smoothed.limited:
+    if smoothed.is_limited:
         sentences.append(
             f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.left > max(_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS, 4 / np.sqrt(count)):
+    elif smoothed.residual_correlation > max(_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS, 4 / np.sqrt(count)):
         sentences.append(
-            f"{name}: what smoothing leaves of neighbouring samples is correlated ({smoothed.left:.2g}): motion that "
-            f"the bandwidth of {smoothed.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
+            f"{name}: what smoothing leaves of neighbouring samples is correlated "
+            f"({smoothed.residual_correlation:.2g}): motion that the bandwidth of {smoothed.bandwidth:.3g} Hz leaves "
+            f"out, or noise with a long memory; {too_small}."
         )
-    if smoothed.outlying > 0 and loss is None and not smoothed.limited:
-        share = f"{100 * smoothed.outlying:.2g} % of the samples are outliers"
+    if smoothed.outlier_share > 0 and loss is None and not smoothed.is_limited:
+        share = f"{100 * smoothed.outlier_share:.2g} % of the samples are outliers"
         remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'
         sentences.append(f"{name}: {share} and pull the curve: {remedy}, by which they count little.")
     return sentences

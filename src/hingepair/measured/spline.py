@@ -59,9 +59,9 @@ _INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum 
 _MAX_WINSORISED_SAMPLE_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
 _MAX_CORRELATED_TO_MEDIAN_TIME_STEP = 1.5  # longest time step over which neighbours' noise is correlated
 _NUM_REWEIGHTINGS = 6  # of samples, by a loss
-_NUM_BANDWIDTH_CHOICES = 2  # in the first of these rounds
-# In variances, from which a sample counts nothing in losses but "linear".
-_ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES = 100.0
+# Above, a sample has the least weight in losses other than "linear".
+_MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES = 100.0
+_MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
 _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MAX_RECORD_PARTS = 16
@@ -69,18 +69,18 @@ _MAX_RECORD_PARTS = 16
 _MIN_RECORD_PART_SAMPLES = 16  # samples of such a part
 # Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
 _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL = 1 / 30
-_MIN_OUTLIER_SAMPLE_WEIGHT = 1e-6  # of a sample that is far off
-_NUM_EXTRA_BANDS_FOR_CORRELATION = 2  # by which neighbours that are correlated reach further
+_MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
 _NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
-_SAMPLES_PER_STRETCH = 4096  # of a long record
-_NUM_STRETCHES = 8
+_NUM_SAMPLES_PER_RECORD_STRETCH = 4096  # of a long record
+_NUM_RECORD_STRETCHES = 8
 """Of long records the bandwidth is chosen on so many stretches."""
 
 
 class SmoothedColumns(NamedTuple):
     """Smoothed columns with their first and second derivatives (`values`) and standard deviations (`deviations`), the
-    bandwidth [Hz], the noise and its correlation, the correlation that is left between neighbours (`left`), whether
-    the bandwidth is the highest possible (`limited`), and the share of outliers (`outlying`).
+    bandwidth [Hz], the noise and its correlation, the correlation of whitened residuals of neighbouring samples
+    (`residual_correlation`), whether the bandwidth is the highest possible (`is_limited`), and the fraction of
+    outliers (`outlier_share`).
     """
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
@@ -88,24 +88,24 @@ class SmoothedColumns(NamedTuple):
     bandwidth: float  # of the smoothing [Hz]
     noise: float  # standard deviation of the noise of one sample of one column
     correlation: float  # of the noise of neighbours, as far as it is reckoned with
-    left: float  # correlation of what is left of neighbours, whitened by that
-    limited: bool  # whether the bandwidth is the highest that the samples allow
-    outlying: float  # part of the samples that are outliers
+    residual_correlation: float  # of whitened residuals of neighbours
+    is_limited: bool  # whether the bandwidth is the highest that the samples allow
+    outlier_share: float  # fraction of the samples that are outliers
 
     @property
-    def errors(self) -> Float64Array:
+    def median_deviations(self) -> Float64Array:
         """Return the median standard deviations of values, first and second derivatives; shape (3,)."""
         return np.asarray(np.nanmedian(self.deviations, axis=1))
 
 
 class SmoothingModel(NamedTuple):
     """Assumptions of a smoothing: the bandwidth [Hz], the correlation of the noise of neighbouring samples, and
-    whether the bandwidth is the highest that the samples allow (`limited`).
+    whether the bandwidth is the highest that the samples allow (`is_limited`).
     """
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
-    limited: bool = False  # whether the bandwidth is the highest that the samples allow
+    is_limited: bool = False  # whether the bandwidth is the highest that the samples allow
 
 
 def smooth_columns(
@@ -127,36 +127,36 @@ def smooth_columns(
         wanted = "SciPy (pip install '.[measured]' in the project's folder)"
         raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
-    k, weights, rest = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
-    for turn in range(1 if loss is None else _NUM_REWEIGHTINGS):
-        if turn < _NUM_BANDWIDTH_CHOICES:
-            clean, off = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
-            clean[used[off]] -= rest[off]
+    k, weights, residuals = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
+    for iteration in range(1 if loss is None else _NUM_REWEIGHTINGS):
+        if iteration < 2:
+            clean, is_winsorised = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
+            clean[used[is_winsorised]] -= residuals[is_winsorised]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
         spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
         fitted = spline.solve(columns[used])
-        rest = columns[used] - spline.fitted(fitted)
+        residuals = columns[used] - spline.fitted(fitted)
         freedom = max(used.size - spline.freedom(), 1.0)
-        squares = (rest * rest).sum(axis=1)
+        squares = (residuals * residuals).sum(axis=1)
         if loss is None:
-            white = spline.whitened(rest)
+            white = spline.whitened(residuals)
             variance = float((white * white).sum() / (k * freedom))
         else:
             variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
             weights = np.where(
-                sizes > _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES,
+                sizes > _MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES,
                 0.0,
                 loss(sizes / _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
             )
-            weights = np.maximum(weights, _MIN_OUTLIER_SAMPLE_WEIGHT)
-    white = spline.whitened(rest)
+            weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
+    white = spline.whitened(residuals)
     values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
-        own = slice(piece[0], piece[-1] + 1)
+        span = slice(piece[0], piece[-1] + 1)
         for order in range(3):
-            values[order, own] = spline.evaluate(fitted, i, t[own], order)
-            deviations[order, own] = np.sqrt(variance * spline.variances(i, t[own], order))
+            values[order, span] = spline.evaluate(fitted, i, t[span], order)
+            deviations[order, span] = np.sqrt(variance * spline.variances(i, t[span], order))
     power = (white * white).sum()
     return SmoothedColumns(
         values=values,
@@ -164,9 +164,9 @@ def smooth_columns(
         bandwidth=model.bandwidth,
         noise=float(np.sqrt(variance)),
         correlation=model.correlation,
-        left=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
-        limited=model.limited,
-        outlying=_outlier_share(squares, k),
+        residual_correlation=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
+        is_limited=model.is_limited,
+        outlier_share=_outlier_share(squares, k),
     )
 
 
@@ -180,7 +180,7 @@ def _outlier_share(squares: Float64Array, column_count: int) -> float:
     if min(float(np.median(part)) for part in parts) < _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL * typical:
         return 0.0
     variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
-    return float(np.mean(squares > _ZERO_WEIGHT_SQUARED_RESIDUAL_IN_VARIANCES / 2 * variance))
+    return float(np.mean(squares > _MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES * variance))
 
 
 def _choose_model(
@@ -198,8 +198,8 @@ def _choose_model(
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
-    if sum(piece.size for piece in pieces) > _SAMPLES_PER_STRETCH * _NUM_STRETCHES:
-        pieces = _stretches(pieces)
+    if sum(piece.size for piece in pieces) > _NUM_SAMPLES_PER_RECORD_STRETCH * _NUM_RECORD_STRETCHES:
+        pieces = _representative_stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
     values, weights = columns[used], weight_by_row[used]
@@ -209,15 +209,15 @@ def _choose_model(
 
     model = _cross_validated_model(times, values, weights, correlation)
     # of samples without noise the spectrum tells nothing of it
-    return _cross_validated_model(times, values, weights, 0.0) if model.limited and correlation else model
+    return _cross_validated_model(times, values, weights, 0.0) if model.is_limited and correlation else model
 
 
 def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
 ) -> SmoothingModel:
-    """Return the SmoothingModel whose bandwidth has the least generalised cross-validation score, for a given
-    correlation of the noise of neighbouring samples. `times` are the instants of each piece, `values` the samples of
-    all pieces (N, k) with their weights.
+    """Return the SmoothingModel for a given correlation of the noise of neighbouring samples. Its bandwidth is 1.1
+    times the bandwidth of the least generalised cross-validation score. `times` are the instants of each piece,
+    `values` the samples of all pieces (N, k) with their weights.
     """
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
@@ -230,15 +230,15 @@ def _cross_validated_model(
         share = 1 - _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM * spline.freedom() / count
         if share <= 0:
             return np.inf
-        rest = spline.whitened(values - spline.fitted(spline.solve(values)))
-        return float((rest * rest).sum() / share**2)
+        residuals = spline.whitened(values - spline.fitted(spline.solve(values)))
+        return float((residuals * residuals).sum() / share**2)
 
     scan = np.arange(np.log(0.1 / longest), np.log(0.5 / step), np.log(2) / 2)
     scores = np.array([score(x) for x in scan])
     if not np.isfinite(scores).any():
         return SmoothingModel(float(np.exp(scan[0])), correlation)
     best = int(np.argmin(scores))
-    limited = bool(best >= np.flatnonzero(np.isfinite(scores))[-1] - 1)
+    is_limited = bool(best >= np.flatnonzero(np.isfinite(scores))[-1] - 1)
     best_logarithm, width = float(scan[best]), np.log(2) / 4
     lowest = scores[best]
     for _ in range(3):
@@ -246,7 +246,9 @@ def _cross_validated_model(
             if (value := score(x)) < lowest:
                 best_logarithm, lowest = x, value
         width /= 2
-    return SmoothingModel(_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, limited)
+    return SmoothingModel(
+        _CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, is_limited
+    )
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
@@ -296,15 +298,16 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     return float(_CANDIDATE_NOISE_CORRELATIONS[best]) if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE else 0.0
 
 
-def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
     """Return a list of index arrays: evenly spread stretches of the pieces that represent a long record. No
     stretch extends over two pieces.
     """
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
-    for start in np.linspace(0, all_rows.size - _SAMPLES_PER_STRETCH, _NUM_STRETCHES).astype(np.intp):
-        stretch, owner = all_rows[start : start + _SAMPLES_PER_STRETCH], owners[start : start + _SAMPLES_PER_STRETCH]
+    length = _NUM_SAMPLES_PER_RECORD_STRETCH
+    for start in np.linspace(0, all_rows.size - length, _NUM_RECORD_STRETCHES).astype(np.intp):
+        stretch, owner = all_rows[start : start + length], owners[start : start + length]
         stretches += [
             part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE_SAMPLES
         ]
@@ -326,19 +329,24 @@ class SmoothingSpline:
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
         widest = max(1 / (_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
-        self.knots = [_extended_knots(own) for own in inner]
-        self.ends = np.cumsum([own.size - _SPLINE_DEGREE - 1 for own in self.knots])
+        self.knots = [_extended_knots(piece_knots) for piece_knots in inner]
+        self.ends = np.cumsum([piece_knots.size - _SPLINE_DEGREE - 1 for piece_knots in self.knots])
         self.basis = block_diag(
-            [BSpline.design_matrix(time, own, _SPLINE_DEGREE) for time, own in zip(times, self.knots, strict=True)],
+            [
+                BSpline.design_matrix(time, piece_knots, _SPLINE_DEGREE)
+                for time, piece_knots in zip(times, self.knots, strict=True)
+            ],
             "csr",
         )
         self.whitener = _whitener(times, model.correlation, step, weights)
         rows, bands = self.basis, _SPLINE_DEGREE
         if self.whitener is not None:
             rows = self.whitener @ self.basis
-            bands += _NUM_EXTRA_BANDS_FOR_CORRELATION
+            bands += 2  # neighbours that are correlated reach further
         self.normal = rows.T @ rows
-        penalty = np.concatenate([_penalty_bands(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
+        penalty = np.concatenate(
+            [_penalty_bands(piece_knots.size - 1, piece_knots[1] - piece_knots[0]) for piece_knots in inner], axis=1
+        )
         weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED_DERIVATIVE_ORDER) / step
         weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
         matrix = np.zeros((bands + 1, penalty.shape[1]))
@@ -361,6 +369,7 @@ class SmoothingSpline:
         return self._solve_right_hand_side((self.whitener @ self.basis).T @ (self.whitener @ columns))
 
     def _solve_right_hand_side(self, right: Float64Array) -> Float64Array:
+        """Return the solution of the banded system for right-hand sides `right` (coefficients, k)."""
         from scipy.linalg import cho_solve_banded
 
         return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
@@ -375,13 +384,15 @@ class SmoothingSpline:
         """
         from scipy.interpolate import BSpline
 
-        own = coefficients[self.ends[piece] - self.knots[piece].size + _SPLINE_DEGREE + 1 : self.ends[piece]]
-        return np.asarray(BSpline(self.knots[piece], own, _SPLINE_DEGREE)(t, nu=order))
+        piece_coefficients = coefficients[
+            self.ends[piece] - self.knots[piece].size + _SPLINE_DEGREE + 1 : self.ends[piece]
+        ]
+        return np.asarray(BSpline(self.knots[piece], piece_coefficients, _SPLINE_DEGREE)(t, nu=order))
 
     @functools.cached_property
     def covariances(self) -> Float64Array:
-        """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] is that of row
-        j, column j + d.
+        """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] of the array is
+        entry (j, j + d) of the inverse.
         """
         return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
@@ -435,11 +446,15 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         between[start + 1 : start + time.size] = np.diff(time)
         start += time.size
     with np.errstate(divide="ignore"):
-        alike = np.where(
+        neighbour_correlations = np.where(
             between > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * step, 0.0, correlation ** np.minimum(between / step, 1e3)
         )
-    own = 1 / np.sqrt(1 - alike**2)
-    return diags_array([own * scale, (-alike * own)[1:] * scale[:-1]], offsets=[0, -1], format="csr")
+    inverse_noise = 1 / np.sqrt(1 - neighbour_correlations**2)
+    return diags_array(
+        [inverse_noise * scale, (-neighbour_correlations * inverse_noise)[1:] * scale[:-1]],
+        offsets=[0, -1],
+        format="csr",
+    )
 
 
 def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
@@ -465,23 +480,25 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     extra = np.arange(count - (blocks - 1) * size, size)
     diagonal[-1, extra, extra] = 1.0
     inverses, gains = np.empty_like(diagonal), np.empty_like(beside)
-    left = diagonal[0]
+    schur_complement = diagonal[0]
     for k in range(blocks):
-        inverses[k] = np.linalg.inv(left)
+        inverses[k] = np.linalg.inv(schur_complement)
         if k + 1 < blocks:
             gains[k] = inverses[k] @ beside[k]
-            left = diagonal[k + 1] - beside[k].T @ gains[k]
-    own, next_to = inverses, np.zeros_like(beside)
+            schur_complement = diagonal[k + 1] - beside[k].T @ gains[k]
+    diagonal_inverse, beside_inverse = inverses, np.zeros_like(beside)
     for k in range(blocks - 2, -1, -1):
-        next_to[k] = -gains[k] @ own[k + 1]
-        own[k] -= next_to[k] @ gains[k].T
+        beside_inverse[k] = -gains[k] @ diagonal_inverse[k + 1]
+        diagonal_inverse[k] -= beside_inverse[k] @ gains[k].T
     inverse = np.zeros((bands, blocks * size))
     for d in range(bands):
         row = np.arange(blocks * size)
         block, i = np.divmod(row, size)
         j = i + d
         inverse[d] = np.where(
-            j < size, own[block, i, np.minimum(j, size - 1)], next_to[block, i, np.maximum(j - size, 0)]
+            j < size,
+            diagonal_inverse[block, i, np.minimum(j, size - 1)],
+            beside_inverse[block, i, np.maximum(j - size, 0)],
         )
     return inverse
 
