@@ -166,7 +166,7 @@ NAMED_FOR_CONTRIBUTORS = {
     "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
     "plans/plan.py": ("_SPATIAL_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
     "pair/states.py": ("PairState",),
-    "scenes/explain.py": ("_DESCRIPTION_BY_STEP_NAME",),
+    "scenes/explain.py": ("_DESCRIPTION_BY_PLAN_STEP_NAME",),
     "equations/trees.py": ("slides",),
     "plans/trees.py": ("Form", "placements"),
     "mechanism/tree.py": ("Joint",),

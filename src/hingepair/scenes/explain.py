@@ -13,7 +13,7 @@ from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAME
 from hingepair.scenes.known_motion import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
-_DESCRIPTION_BY_STEP_NAME = {
+_DESCRIPTION_BY_PLAN_STEP_NAME = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
@@ -70,7 +70,7 @@ class ScenePlan:
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<{width}}{_DESCRIPTION_BY_STEP_NAME[name]}{' - once' if often == 'once' else ''}"
+            f"  {name:<{width}}{_DESCRIPTION_BY_PLAN_STEP_NAME[name]}{' - once' if often == 'once' else ''}"
             for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
@@ -94,7 +94,7 @@ def explain(
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
-        if step.result in _DESCRIPTION_BY_STEP_NAME:
+        if step.result in _DESCRIPTION_BY_PLAN_STEP_NAME:
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
@@ -108,9 +108,9 @@ def explain(
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
     skipped += [
-        (_DESCRIPTION_BY_STEP_NAME[name], "no output needs it")
+        (_DESCRIPTION_BY_PLAN_STEP_NAME[name], "no output needs it")
         for name in others
-        if name in _DESCRIPTION_BY_STEP_NAME and name not in made
+        if name in _DESCRIPTION_BY_PLAN_STEP_NAME and name not in made
     ]
     if motion.sequence is None and kind is SPATIAL_MOTION_KIND:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))

@@ -31,8 +31,6 @@ from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
 DEFAULT_INTEGRATED_ANGLE_TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
-_WAY_POINT_LIMIT_KEYS: Final = ("speed", "acceleration")
-"""Keys of the largest rate and the largest acceleration that a motion through waypoints may reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,7 +209,8 @@ def _read_way_points(table: Table) -> WayPoints:
     """Return the WayPoints of a table with the keys t, value, profile, speed and acceleration. Raise a SceneError for
     other keys, for bad values, and for limits that the profile exceeds.
     """
-    table.check_keys(("t", "value", "profile", *_WAY_POINT_LIMIT_KEYS))
+    limit_keys = ("speed", "acceleration")
+    table.check_keys(("t", "value", "profile", *limit_keys))
     instants: Any = table.values.get("t")
     count = len(instants) if isinstance(instants, list) else 0
     if not 2 <= count <= MAX_WAY_POINTS:
@@ -219,7 +218,7 @@ def _read_way_points(table: Table) -> WayPoints:
     t, values = np.array(table.numbers("t", count)), np.array(table.numbers("value", count))
     if not (np.diff(t) > 0).all():
         table.fail("t", "instants that increase")
-    limits = {key: table.number(key) for key in _WAY_POINT_LIMIT_KEYS if key in table.values}
+    limits = {key: table.number(key) for key in limit_keys if key in table.values}
     for key, limit in limits.items():
         if limit <= 0:
             table.fail(key, "a number above 0")

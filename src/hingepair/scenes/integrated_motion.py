@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motion import Motion
 from hingepair.scenes.tables import Table
-
-_MOTION_KEY_BY_RATE_ARGUMENT: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
-"""Key of the table [motion] by the name that messages of `integrate` give to a rate."""
 
 
 def integrate_motion(
@@ -52,7 +49,8 @@ def integrate_motion(
     method = table.choice("method", tuple(STEP_RULE_BY_NAME) if planar else METHOD_NAMES)
     options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
-    with table.naming(**_MOTION_KEY_BY_RATE_ARGUMENT):
+    key_by_rate_name_in_errors = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
+    with table.naming(**key_by_rate_name_in_errors):
         if planar:
             start = table.number("phi_0", 0.0)
         else:

@@ -54,9 +54,9 @@ _MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time"
 """Keys and tables that the file of a scene of a mechanism may have."""
 COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
-_ATTITUDE_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
+_ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_BY_QUATERNION_OUTPUT)
+COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -158,8 +158,8 @@ class SceneResult(Frozen, Result):
         """Return the components of the output `name` (q, qd, qdd, psi, psid, psidd, quat1 or quat2) as a dict of
         arrays (samples,) by column name; empty if the output was not computed.
         """
-        if name in _ATTITUDE_BY_QUATERNION_OUTPUT:
-            S = getattr(self.state, _ATTITUDE_BY_QUATERNION_OUTPUT[name], None)
+        if name in _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT:
+            S = getattr(self.state, _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
         if _output_level(name) > self.known.level:
             return {}
@@ -516,7 +516,9 @@ class Scene(SampledScene):
         if names is None:
             return None, self.motion.level
         equation_outputs = (
-            _ATTITUDE_BY_QUATERNION_OUTPUT.get(name, name) for name in names if name not in COORDINATE_OUTPUT_NAMES
+            _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT.get(name, name)
+            for name in names
+            if name not in COORDINATE_OUTPUT_NAMES
         )
         return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
 

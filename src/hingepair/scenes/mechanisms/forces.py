@@ -133,7 +133,7 @@ class JointLogNoise(NamedTuple):
     moving: tuple[str, ...]
     derived: tuple[str, ...]
 
-    def torque_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
+    def effort_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
         """Return (deviations, note): the standard deviation that noise of the log causes in each joint effort, shape
         (dof,) [N m or N], and a sentence on the noise. `tau` are the efforts at all instants, shape (N, dof), and
         `gravity` is the gravity vector [m/s^2] that they were computed with.
@@ -190,7 +190,7 @@ def mechanism_scene_forces(
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, sentences = np.full(robot.dof, math.nan), list(non_finite_sentences(arrays))
     if noise is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
-        deviations, sentence = noise.torque_deviations(gravity, tau)
+        deviations, sentence = noise.effort_deviations(gravity, tau)
         sentences.append(sentence)
     loads = tuple(
         _summarize_joint(joint, i, t, known_motion, tau[:, i], float(deviations[i]))
