@@ -68,7 +68,7 @@ class SampledScene(Shown, abc.ABC):
     @property
     @abc.abstractmethod
     def instants(self) -> Instants:
-        """The instants, held in memory or not [s]."""
+        """The instants [s], an array or UniformInstants."""
 
     @property
     def start(self) -> float:
@@ -112,7 +112,9 @@ class SampledScene(Shown, abc.ABC):
 
     @property
     def backend(self) -> str:
-        """The backend of all pieces of a long motion, so that pieces and the whole agree to the bit."""
+        """Name of the backend that computes every block of a long motion, so that blocks and the whole agree to the
+        bit.
+        """
         return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:

@@ -472,9 +472,9 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
 
 
 def _integrate_rates(table: Table, log: Log) -> Motion:
-    """Return the Motion found by integrating a Log's omega1 and psi' (E12). Start values, axes and method are read
-    from the Table [motion]. Raise a SceneError for columns other than those of rates and R1, and for rates that are
-    not finite.
+    """Return the Motion found by integrating a Log's omega1 and psi' (E12); without columns of its position, body 1
+    stays at the origin. Start values, axes and method are read from the Table [motion]. Raise a SceneError for
+    columns other than rates and R1, and for rates that are not finite.
     """
     rates = (_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[1:], _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER[1:])
     quantities = (name for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, *rates) for name in names)

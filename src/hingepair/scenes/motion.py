@@ -32,7 +32,7 @@ class PairMotionSource(Protocol):
 
     @property
     def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+        """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
 
     def part(self, rows: Rows, order: int, /) -> KnownMotion:
         """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
@@ -79,7 +79,7 @@ class Motion:
 
     @property
     def error_estimate(self) -> float:
-        """Largest errors of attitude and psi over the instants [rad]; 0: exact, NaN: not known."""
+        """Estimate of the largest error of attitude and psi over the instants [rad]; 0 if exact, NaN if unknown."""
         unknown = [math.nan] * bool(self.doubt)
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 

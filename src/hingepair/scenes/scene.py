@@ -243,7 +243,7 @@ class Scene(SampledScene):
 
     @property
     def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+        """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
         return self.motion.source.sequence
 
     def additional_output_names(self, level: int) -> tuple[str, ...]:
@@ -257,13 +257,14 @@ class Scene(SampledScene):
 
     @property
     def instants(self) -> Instants:
-        """The instants, held in memory or not [s]."""
+        """The instants [s], an array or UniformInstants."""
         return self.motion.t
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
         """SymPy expressions of the coordinates by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi,
-        psi). A coordinate that goes through way points is None.
+        psi). A coordinate that goes through way points is None. Raises an ArgumentError if the motion is not defined
+        by functions of t.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
@@ -445,7 +446,7 @@ class Scene(SampledScene):
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the scene's motion requires at its instants (D1-D5); return a SceneForces.
         `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if mass properties of body 2
-        or accelerations are missing, or if `gravity` is given for a simulated motion.
+        or accelerations are missing, if `gravity` is given for a simulated motion, or if there are too many instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
@@ -476,8 +477,8 @@ class Scene(SampledScene):
         return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of sentences for readers of the results: on psi and its rate outside their limits, kinks,
-        and angles that look like degrees. The whole motion is evaluated for this.
+        """Evaluate the whole motion, and return a tuple of sentences for readers of the results: on psi and its rate
+        outside their limits, on kinks, and on angles that look like degrees.
         """
         notes = self.note_collector()
         for block in self.blocks(("psi",)):

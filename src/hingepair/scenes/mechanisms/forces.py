@@ -34,9 +34,9 @@ _JOINT_LOAD_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """Summary of one joint of a mechanism over all instants: its effort (`rms`, `largest`), the extremes of its
-    position and rate, the limits of all three, and `noise`, the deviation of the effort by noise of a log. A missing
-    limit is infinite.
+    """Summary of one joint of a mechanism over all instants: its effort (torque of a hinge, force of a slider) as
+    `rms` and `largest`, the extremes of its position and rate, the limits of all three, and `noise`, the deviation of
+    the effort by noise of a log. A missing limit is infinite.
 
     Attributes:
         joint: name of the joint.

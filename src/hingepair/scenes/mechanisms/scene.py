@@ -279,12 +279,13 @@ class MechanismScene(SampledScene):
 
     @property
     def instants(self) -> Instants:
-        """The instants, held in memory or not [s]."""
+        """The instants [s], an array or UniformInstants."""
         return self.joint_motion.t
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """All instants of the scene; shape (samples,) s.
+        """All instants of the scene; shape (samples,) s. Raises an ArgumentError if they are too many to be held in
+        memory.
 
         Raises:
             ArgumentError: there are too many to be held in memory.
@@ -293,7 +294,7 @@ class MechanismScene(SampledScene):
 
     def motion(self) -> JointCoordinates:
         """Return the JointCoordinates (q, qd, qdd) at all instants, each of shape (samples, dof); derivatives that
-        the scene lacks are None.
+        the scene lacks are None. Raise an ArgumentError if there are too many instants to be held in memory.
 
         Returns:
             (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that
@@ -303,7 +304,8 @@ class MechanismScene(SampledScene):
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
     def base_motion(self) -> BodyMotion | None:
-        """Return the motion of the base at all instants as a BodyMotion; None if the base rests at the origin.
+        """Return the motion of the base at all instants as a BodyMotion; None if the base rests at the origin. Raise
+        an ArgumentError if there are too many instants to be held in memory.
 
         It is what the methods of the mechanism take as base_motion.
         """
@@ -526,7 +528,7 @@ class MechanismScene(SampledScene):
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
         """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return a
         MechanismSceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if the
-        motion has no accelerations.
+        motion has no accelerations or there are too many instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default the gravity of the scene.
@@ -558,8 +560,8 @@ class MechanismScene(SampledScene):
         return mechanism_scene_forces(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of sentences for readers of the results: on joints outside their limits, kinks, and angles
-        that look like degrees. The whole motion is evaluated for this.
+        """Evaluate the whole motion, and return a tuple of sentences for readers of the results: on joints outside
+        their limits, on kinks, and on angles that look like degrees.
         """
         notes = self.note_collector()
         for block in self.blocks(("q",)):
