@@ -255,7 +255,7 @@ def test_euler_angles_halve_their_steps_far_from_lock():
 
 
 def test_a_solver_does_not_work_for_minutes(monkeypatch):
-    monkeypatch.setattr(solve, "MAX_SCIPY_EVALUATIONS", 2000)
+    monkeypatch.setattr(solve, "MAX_OMEGA1_EVALUATIONS_BY_SCIPY", 2000)
     with pytest.raises(
         hp.ArgumentError, match=r"method: expected 'magnus6' for a motion so .* 'dop853' takes minutes"
     ):

@@ -36,12 +36,6 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 MAX_FULLY_MEASURED_STEP_COUNT: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
-MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT: Final = 509
-"""Even steps over the whole time at whose nodes a callable is evaluated, at least, to find what longer steps miss.
-
-A feature that is narrower than one of these, and than half a step, may lie between the nodes and be missed.
-"""
-
 # First and last node of a step on [0, 1].
 _FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULE_BY_NAME["magnus6"].nodes[0], STEP_RULE_BY_NAME["magnus6"].nodes[-1]
 _ROUNDING_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
@@ -50,7 +44,6 @@ _JUMP_DETECTION_END_NODES = (1e-4, 1 - 1e-4)
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 # Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
 _GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
-_CONSTANCY_CHECK_STEP_COUNT = 64  # steps in which a rate is compared to find out whether it is constant
 
 
 class StepSample(NamedTuple):
@@ -264,7 +257,7 @@ def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
     """
     if isinstance(rate, ConstantSignal):
         return True
-    sampled = np.unique(np.linspace(0, len(step_sample.steps) - 1, _CONSTANCY_CHECK_STEP_COUNT).astype(np.intp))
+    sampled = np.unique(np.linspace(0, len(step_sample.steps) - 1, 64).astype(np.intp))
     start, stop = (times[sampled] for times in step_sample.ends)
     rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_NODE_OF_MAGNUS6)
     return bool((rates == rates[0, 0]).all())
@@ -287,8 +280,8 @@ def _sum_by_sample_interval(
 
 def measure_step_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
     """Measure the errors of the steps of an integral from `start` to `stop` [s] by comparison with two or more
-    shorter steps in place of each; return `StepErrors`. The shorter steps are no longer than `duration` /
-    `MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT`, where `duration` is the whole time of the motion [s].
+    shorter steps in place of each; return `StepErrors`. The shorter steps are no longer than 1/509 of `duration`, the
+    whole time of the motion [s].
     """
     groups = (
         slice(first, first + _MEASURED_STEPS_PER_CHUNK) for first in range(0, len(start), _MEASURED_STEPS_PER_CHUNK)
@@ -304,12 +297,9 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
     """
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
-    fine = subdivide(
-        start,
-        stop,
-        2
-        * np.maximum(-(-count_even_steps(stop - start, duration, MIN_EVEN_STEP_COUNT_OF_ERROR_MEASUREMENT) // 2), 1),
-    )
+    # A feature of a callable that is narrower than one of these steps, and than half a step, may be missed.
+    min_counts = count_equal_steps(stop - start, duration, 509)
+    fine = subdivide(start, stop, 2 * np.maximum(-(-min_counts // 2), 1))
     node_values = (
         rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),
         rate.values_at_nodes(fine.start, fine.h, rule.nodes),
@@ -322,12 +312,12 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
     return StepErrors(errors, undetected, noise, rounding.rate_integral, rounding.noise)
 
 
-def count_even_steps(lengths: Array, duration: float, even_steps: int) -> NDArray[np.int64]:
-    """Return how many steps of at most `duration` / `even_steps` each interval of these lengths must be divided into.
-    The number is at least 1 and at most `even_steps`.
+def count_equal_steps(lengths: Array, duration: float, steps_per_duration: int) -> NDArray[np.int64]:
+    """Return the number of equal steps of at most `duration` / `steps_per_duration` into which each interval of these
+    lengths must be divided, as an array. The number is at least 1 and at most `steps_per_duration`.
     """
     counts: NDArray[np.int64] = np.clip(
-        np.nan_to_num(np.ceil(lengths * (even_steps / duration)), nan=1.0), 1, even_steps
+        np.nan_to_num(np.ceil(lengths * (steps_per_duration / duration)), nan=1.0), 1, steps_per_duration
     )
     return counts.astype(np.int64)
 

@@ -28,7 +28,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 METHOD_NAMES: Final = (*STEP_RULE_BY_NAME, "euler_angles", "dop853")
 """Names of the methods of integration."""
 
-MAX_SCIPY_EVALUATIONS: Final = 1_000_000
+MAX_OMEGA1_EVALUATIONS_BY_SCIPY: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
 _REFERENCE_STEP_RULE = STEP_RULE_BY_NAME["magnus6"]  # that other methods are compared with
@@ -250,8 +250,8 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
         """
         nonlocal evaluations
         evaluations += 1
-        if evaluations > MAX_SCIPY_EVALUATIONS:
-            got = f"{MAX_SCIPY_EVALUATIONS:,} evaluations of omega1 until {time:.3g} s of {since[-1]:.3g} s"
+        if evaluations > MAX_OMEGA1_EVALUATIONS_BY_SCIPY:
+            got = f"{MAX_OMEGA1_EVALUATIONS_BY_SCIPY:,} evaluations of omega1 until {time:.3g} s of {since[-1]:.3g} s"
             raise ArgumentError("method", "'magnus6' for a motion so long or fast that 'dop853' takes minutes", got)
         k = int(np.searchsorted(since, time, side="right")) - 1
         omega = attitude.rate.values_at_nodes(t[k : k + 1], np.array([time - since[k]]), (1.0,))[0, 0]

@@ -25,8 +25,6 @@ _SAMPLES_PER_ROUGHNESS_WINDOW: Final = 11
 
 _MAX_ROUGHNESS_WINDOW_COUNT = 2048  # windows of samples that are measured, spread over the time
 _MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
-# Times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident.
-_MIN_GRID_TO_DOUBLE_SPACING_RATIO = 8.0
 _GRID_ROUNDING_STD_IN_SPACINGS = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
 
 
@@ -79,10 +77,8 @@ def stamp_grids(t: Array) -> list[Array]:
     if (singles == size).all():
         grids.append(np.spacing(singles).astype(np.float64))
     for unit in 10.0 ** np.arange(_MAX_STAMP_DECIMALS + 1):
-        if (
-            1 / unit > _MIN_GRID_TO_DOUBLE_SPACING_RATIO * doubles.max()
-            and (np.abs(np.round(size * unit) / unit - size) <= doubles).all()
-        ):
+        # That all stamps lie on a grid is no accident if it is much coarser than the grid of doubles.
+        if 1 / unit > 8.0 * doubles.max() and (np.abs(np.round(size * unit) / unit - size) <= doubles).all():
             grids.append(np.full(len(t), 1 / unit))
             break
     return grids

@@ -25,7 +25,7 @@ from hingepair.integration.error_estimate import (
     accumulate_errors,
     choose_step_sample,
     concatenate_errors,
-    count_even_steps,
+    count_equal_steps,
     measure_step_errors,
     rounding_error,
 )
@@ -36,17 +36,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 STEP_BUDGET: Final = 2_000_000
 """Number of steps up to which steps are divided for a tolerance; more errors remain in the error estimate."""
 
-MIN_INITIAL_EVEN_STEP_COUNT: Final = 16
-"""Even steps over the whole time that the selection begins with."""
-
-# Of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors.
-_ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE = 0.4
-_TARGET_ERROR_TO_TOLERANCE, _ACCEPTED_ERROR_TO_TOLERANCE = (
-    0.6,
-    0.8,
-)  # of the tolerance: sum of errors that is aimed at, and that is accepted
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
-_ERROR_SIZE_CAP = 1e30  # rad: larger errors, and infinite ones, count as this
 
 
 class SelectedSteps(NamedTuple):
@@ -113,7 +103,7 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     weights = step_sample.error_weights(0)  # ratios of times: errors of pieces are proportional to time
     start, stop = step_sample.ends
     intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
-    counts = count_even_steps(stop - start, duration, MIN_INITIAL_EVEN_STEP_COUNT)
+    counts = count_equal_steps(stop - start, duration, 16)  # the first steps are at most 1/16 of the whole time
     pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
     totals, piece_counts = list[float](), list[int]()
     while len(totals) < _MAX_DIVISION_ROUNDS:
@@ -141,11 +131,8 @@ def _next_part_counts(
     errors of the integrals are small enough for `tol`. `piece_weights` are the numbers of pieces for which each piece
     stands.
     """
-    order, sizes, target = (
-        integrals[0].rule.order,
-        _divisible_sizes(pieces),
-        _ACCEPTED_ERROR_SIZE_SUM_TO_TOLERANCE * tol,
-    )
+    order, sizes = integrals[0].rule.order, _divisible_sizes(pieces)
+    target = 0.4 * tol  # a sum of the sizes of errors that is accepted without adding up the errors
     regular_sizes = np.where(pieces.is_regular, sizes, 0.0)
     total, regular = (float((part * piece_weights).sum()) for part in (sizes, regular_sizes))
     if not total > target:
@@ -159,16 +146,14 @@ def _next_part_counts(
         counts[pieces.is_regular] = 1
     elif total < 1.0:  # rad; larger errors cannot be added up as vectors
         accumulated = _PieceErrors(integrals, step_sample, pieces)
+        # A sum of errors is accepted up to 0.8 of what rounding leaves of the tolerance; a division aims at 0.6.
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
-        if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_ERROR_TO_TOLERANCE * allowed:
+        if accumulated.largest_sum(np.ones(len(sizes))) <= 0.8 * allowed:
             return np.ones(len(sizes), np.int64)
         for _ in range(8):  # geometric bisections between an accepted sum of sizes and one that is too large
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
-            if (
-                accumulated.largest_sum(np.where(unlimited > max_counts, unlimited, candidate))
-                <= _TARGET_ERROR_TO_TOLERANCE * allowed
-            ):
+            if accumulated.largest_sum(np.where(unlimited > max_counts, unlimited, candidate)) <= 0.6 * allowed:
                 target, counts = goal, candidate
             else:
                 total = goal
@@ -188,7 +173,7 @@ def _divide_pieces(
     (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
     errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
-    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), _ERROR_SIZE_CAP)
+    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), 1e30)  # also of infinite errors
     expected = np.repeat(old_sizes / counts.astype(float) ** order, counts)
     columns = np.repeat(interval, counts), steps.start, steps.stop, sizes
     return _Pieces(*columns, ~np.isnan(expected), sizes <= expected, errors)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hingepair.mechanism.arguments import InputValues
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.mechanism.states import FRAME_MOTION_OUTPUTS
+from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
@@ -41,7 +41,7 @@ def error_bounds(
         bounded_inputs["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
         results = compute_request(form, request, bounded_inputs)
         return {
-            name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUTS else 0)
+            name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUT_NAMES else 0)
             for name in request.outputs
         }
 
@@ -50,7 +50,7 @@ def error_bounds(
         for name, sample_shape in computation.inputs.items()
         if name != "constants"
     }
-    bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUTS else () for name in request.outputs}
+    bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in request.outputs}
     return tabulate(
         block_bounds, groups, bound_shapes, broadcast_shape(values.shape_by_argument), np.dtype(np.float64)
     )

@@ -27,13 +27,6 @@ MOTION_ATTRIBUTE_BY_BASE_INPUT: Final = {
 }
 """Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
 
-_BASE_VELOCITY_AND_ACCELERATION_NAMES: Final = (
-    "v1",
-    "omega1",
-    "a1",
-    "alpha1",
-)  # inputs that are 0 for a base at rest
-
 RESTING_BASE_VALUE_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
@@ -200,7 +193,7 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
     arrays = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed_inputs:
-        if name in MOTION_ATTRIBUTE_BY_BASE_INPUT and not (at_rest and name in _BASE_VELOCITY_AND_ACCELERATION_NAMES):
+        if name in MOTION_ATTRIBUTE_BY_BASE_INPUT and (name in {"R1", "S1"} or not at_rest):
             letter = MOTION_ATTRIBUTE_BY_BASE_INPUT[name]
             arrays[name] = getattr(base_motion, letter)
             if arrays[name] is None:

@@ -22,9 +22,6 @@ from hingepair.plans.trees import Form
 Exact: TypeAlias = list[Fraction]
 
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
-_MIN_PIVOT_THRESHOLD: Final = 1e-300  # [kg or kg m^2] threshold of a pivot for a joint that carries no mass
-_PIVOT_TOLERANCE_TO_CARRIED_INERTIA: Final = 64 * 2.0**-53
-"""Share of the inertia of all bodies beyond a joint below which a pivot is rounding."""
 _OBLIQUE_AXES_RELATIVE_ERROR: Final = 16 * 2.0**-53
 """Rounding error of oblique axes and of products with them, over the largest entry."""
 # Axes of a program by the joint's axis, where they permute those of the body.
@@ -375,9 +372,11 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[f
         reach = float(np.abs(joint.u).sum())
         if slides and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
-        smallest = _PIVOT_TOLERANCE_TO_CARRIED_INERTIA * (mass[k] if slides else spread[k])
+        # A pivot below this share of the inertia of all bodies beyond the joint is rounding.
+        smallest = 64 * 2.0**-53 * (mass[k] if slides else spread[k])
         own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
-        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, _MIN_PIVOT_THRESHOLD)
+        # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
+        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, 1e-300)
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach

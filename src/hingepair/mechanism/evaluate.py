@@ -29,12 +29,12 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, input_shapes, request_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
-MASS_INDEPENDENT_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
+MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
 
 
 # Shapes of one sample of the inputs that describe the base.
-_SHAPE_BY_BASE_INPUT: Final = {
+_SAMPLE_SHAPE_BY_BASE_INPUT: Final = {
     **dict.fromkeys(MOTION_ATTRIBUTE_BY_BASE_INPUT, (3,)),
     "S1": (3, 3),
     "force1": (3,),
@@ -84,7 +84,7 @@ class RobotComputation:
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
         self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
         self.inputs = input_shapes(self.form, self.request)
-        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUTS for name in outputs)
+        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
         self.result = result
         self._calls: dict[Any, Call] = {}
 
@@ -124,7 +124,7 @@ class RobotComputation:
                 "constants": self.parameters,
             }
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
-            shapes = {name: _SHAPE_BY_BASE_INPUT.get(name, (self.form.dof,)) for name in argument_names}
+            shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT.get(name, (self.form.dof,)) for name in argument_names}
             shapes |= {name: tail for name, tail in loop.inputs if name in argument_names}
             call = Call(
                 loop, shapes, constants, self.result, backend=backend, constants_name="robot",

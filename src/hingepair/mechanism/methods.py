@@ -20,7 +20,7 @@ from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.prepare import PreparedMechanism, checked_given
 from hingepair.mechanism.states import (
-    FRAME_MOTION_OUTPUTS,
+    FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
     MechanismAccelerations,
     MechanismForces,
@@ -41,16 +41,16 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
 # Outputs of motion at the levels of pose, velocity and acceleration.
-_MOTION_OUTPUTS_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_MOTION_OUTPUT_NAMES_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
-_SINGLE_FRAME_OUTPUTS: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
-_INVERSE_DYNAMICS_OUTPUTS = ("tau", "force1", "torque1")  # of inverse dynamics
+_SINGLE_FRAME_OUTPUT_NAMES: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
+_INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
 _RESULT_CLASS_BY_OUTPUT: Final[Mapping[str, type[JointResults]]] = {
-    **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUTS, MechanismForces),
+    **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
-_PREPARABLE_BARE_ARRAY_OUTPUTS: Final = (
+_PREPARABLE_BARE_ARRAY_OUTPUT_NAMES: Final = (
     "jacobian",
     "acceleration_bias",
     "mass_matrix",
@@ -58,17 +58,17 @@ _PREPARABLE_BARE_ARRAY_OUTPUTS: Final = (
     "gravity_forces",
 )
 """Outputs of methods that return a bare array, which `prepare` takes too."""
-_BARE_ARRAY_OUTPUTS: Final = (
-    *_PREPARABLE_BARE_ARRAY_OUTPUTS,
+_BARE_ARRAY_OUTPUT_NAMES: Final = (
+    *_PREPARABLE_BARE_ARRAY_OUTPUT_NAMES,
     "centre_of_mass",
     "centre_of_mass_jacobian",
     "centre_of_mass_bias",
 )
 """Outputs that are returned as bare arrays if they are the only output."""
-_OUTPUTS_WITH_ERROR_BOUNDS: Final = (
-    *FRAME_MOTION_OUTPUTS,
-    *_INVERSE_DYNAMICS_OUTPUTS,
-    *_BARE_ARRAY_OUTPUTS,
+_NAMES_OF_OUTPUTS_WITH_ERROR_BOUNDS: Final = (
+    *FRAME_MOTION_OUTPUT_NAMES,
+    *_INVERSE_DYNAMICS_OUTPUT_NAMES,
+    *_BARE_ARRAY_OUTPUT_NAMES,
     "qdd",
     "kinetic",
     "potential",
@@ -310,7 +310,7 @@ class MechanismMethods(Shown):
             loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        accepted_names = (*_OUTPUTS_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
+        accepted_names = (*_NAMES_OF_OUTPUTS_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
         names = self._requested_outputs(outputs, level, None, accepted_names)
         computation = self._computation(names, self._named_frames("frames", frames))
@@ -374,7 +374,7 @@ class MechanismMethods(Shown):
         (6,)
         """
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUTS)
+        names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUT_NAMES)
         labelled_loads, frames = self._wrench_inputs(wrenches)
         computation = self._computation(names, frames, len(labelled_loads) // 2)
         result: MechanismForces = self._run(
@@ -731,9 +731,9 @@ class MechanismMethods(Shown):
         """
         names = checked_given(given)
         output_names = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*FRAME_MOTION_OUTPUTS, *_SINGLE_FRAME_OUTPUTS) for name in output_names)
+        framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_SINGLE_FRAME_OUTPUT_NAMES) for name in output_names)
         chosen_frames = self._named_frames("frames", frames) if framed else {}
-        if len(chosen_frames) != 1 and any(name in _SINGLE_FRAME_OUTPUTS for name in output_names):
+        if len(chosen_frames) != 1 and any(name in _SINGLE_FRAME_OUTPUT_NAMES for name in output_names):
             raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
         computation = self._computation(output_names, chosen_frames)
         names = checked_given(names, computation.inputs)
@@ -786,7 +786,7 @@ class MechanismMethods(Shown):
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
         names = tuple(outputs)
-        moving = names and names[0] in FRAME_MOTION_OUTPUTS
+        moving = names and names[0] in FRAME_MOTION_OUTPUT_NAMES
         computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
@@ -802,25 +802,27 @@ class MechanismMethods(Shown):
         acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
             outputs_by_name: dict[str, tuple[str, ...]] = {
-                "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUTS,
+                "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUT_NAMES,
                 "forward_dynamics": acceleration_outputs,
             }
             accepted_names = outputs_by_name.get(given, (given,))
         else:
-            forces = (*_INVERSE_DYNAMICS_OUTPUTS, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
+            forces = (
+                (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
+            )
             accepted_names = tuple(name for name in forces if name not in argument_names)
         if given in _MOTION_LEVEL_NAMES or not isinstance(given, str):
             level = sum(name in argument_names for name in ("qd", "qdd"))
             default_names = tuple(
-                name for outputs_by_name in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in outputs_by_name
+                name for outputs_by_name in _MOTION_OUTPUT_NAMES_BY_LEVEL[: level + 1] for name in outputs_by_name
             )
             return _checked_outputs(
                 outputs,
                 None,
                 (
-                    *FRAME_MOTION_OUTPUTS,
+                    *FRAME_MOTION_OUTPUT_NAMES,
                     *accepted_names,
-                    *(() if isinstance(given, str) else _PREPARABLE_BARE_ARRAY_OUTPUTS),
+                    *(() if isinstance(given, str) else _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES),
                 ),
                 default_names,
             )
@@ -876,13 +878,13 @@ class MechanismMethods(Shown):
         outputs: Iterable[str] | None,
         level: int,
         out: Out,
-        accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUTS,
+        accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUT_NAMES,
     ) -> tuple[str, ...]:
         """Check the argument `outputs`, None or names, and return a tuple of the names to compute. For None, these
         are all outputs of motion up to a level (0 pose, 1 velocity, 2 acceleration), and the accepted keys of `out`.
         Raise an ArgumentError for a name that is not among `accepted_names`.
         """
-        default_names = tuple(name for names in _MOTION_OUTPUTS_BY_LEVEL[: level + 1] for name in names)
+        default_names = tuple(name for names in _MOTION_OUTPUT_NAMES_BY_LEVEL[: level + 1] for name in names)
         return _checked_outputs(outputs, out, accepted_names, default_names)
 
     def _computation(
@@ -898,9 +900,9 @@ class MechanismMethods(Shown):
             kind: type[Results] | None = Results
             if outputs[0] in _RESULT_CLASS_BY_OUTPUT:
                 kind = joint_results_class(_RESULT_CLASS_BY_OUTPUT[outputs[0]], self._constants.names)  # type: ignore[arg-type]
-            elif outputs[0] in FRAME_MOTION_OUTPUTS:
+            elif outputs[0] in FRAME_MOTION_OUTPUT_NAMES:
                 kind = mechanism_state_class(names, self.tree.frame_names)
-            elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUTS:
+            elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
                 kind = None
             bodies = tuple((frames or {}).values())
             result = RobotComputation(

@@ -21,7 +21,7 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
 PartKind = Literal["hinge", "slider", "fixed"]
 # Kinds of parts, by the type of a URDF joint.
-_PART_KIND_BY_URDF_TYPE: Mapping[str, PartKind] = {
+_PART_KIND_BY_URDF_JOINT_TYPE: Mapping[str, PartKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
     "prismatic": "slider",
@@ -46,12 +46,12 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
     numbers = {root: 0}
     parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
     for joint in joints:
-        if joint.type not in _PART_KIND_BY_URDF_TYPE:
-            expected = f"a type out of {', '.join(_PART_KIND_BY_URDF_TYPE)}"
+        if joint.type not in _PART_KIND_BY_URDF_JOINT_TYPE:
+            expected = f"a type out of {', '.join(_PART_KIND_BY_URDF_JOINT_TYPE)}"
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
         numbers[joint.child] = len(parts)
         link = _link_content(robot, joint.child, joint.child not in parents)
-        kind = _PART_KIND_BY_URDF_TYPE[joint.type]
+        kind = _PART_KIND_BY_URDF_JOINT_TYPE[joint.type]
         if kind == "fixed":
             parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
             continue

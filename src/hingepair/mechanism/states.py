@@ -25,9 +25,9 @@ _DOC_BY_MOTION_OUTPUT = {
     "a": "Acceleration of the frame's origin, the second time derivative of R; (..., 3) m/s^2.",
     "alpha": "Angular acceleration; (..., 3) rad/s^2.",
 }
-FRAME_MOTION_OUTPUTS: Final = tuple(_DOC_BY_MOTION_OUTPUT)
+FRAME_MOTION_OUTPUT_NAMES: Final = tuple(_DOC_BY_MOTION_OUTPUT)
 """Outputs of the motion of a frame: pose, displacement from the base, velocities and accelerations."""
-_PER_COORDINATE_OUTPUTS: Final = ("tau", "qdd")
+_PER_COORDINATE_OUTPUT_NAMES: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
 
 
@@ -161,7 +161,9 @@ class JointResults(Results):
         columns: list[str] = []
         for name, array in arrays.items():
             columns += (
-                self.names if name in _PER_COORDINATE_OUTPUTS else column_names({name: array.reshape(samples, 3)})
+                self.names
+                if name in _PER_COORDINATE_OUTPUT_NAMES
+                else column_names({name: array.reshape(samples, 3)})
             )
         rows = [array.reshape(samples, array.shape[-1]) for array in arrays.values()]
         return np.concatenate(rows, axis=1), None, columns
