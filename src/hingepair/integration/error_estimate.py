@@ -58,11 +58,11 @@ class StepSample(NamedTuple):
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """Times at which the measured steps begin and end [s]; shape (P,) each."""
+        """A pair of arrays (P,), the times at which the measured steps begin and end [s]."""
         return self.t[self.steps], self.t[self.steps + 1]
 
     def expand_to_steps(self, values: Array) -> Array:
-        """Return values of parts as values of all steps, each repeated for the steps of its part."""
+        """Return an array with a value for each of all steps from `values`, one for each part of the time."""
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
@@ -141,12 +141,14 @@ class StepErrors(NamedTuple):
 
     @property
     def rounding(self) -> StepRounding:
-        """Rounding of the steps, by their integrals of abs(rate)."""
+        """The integrals of the absolute rate over the steps and their rounding, as `StepRounding`."""
         return StepRounding(self.rate_integral, self.rate_integral_noise)
 
     @property
     def sizes(self) -> Array:
-        """Sizes of the errors [rad], zero where rounding explains them; shape (P,)."""
+        """Sizes of the errors [rad], shape (P,): zero where rounding explains an error, and at least the undetected
+        size.
+        """
         return np.maximum(errors_above_noise(row_norms(self.errors), self.noise), self.undetected)
 
     def select(self, selection: NDArray[Any]) -> StepErrors:
@@ -154,9 +156,9 @@ class StepErrors(NamedTuple):
         return StepErrors(*(column[selection] for column in self))
 
 
-def concatenate_errors(parts: Iterable[StepErrors]) -> StepErrors:
-    """Return the StepErrors of several groups of steps as one, in the given order."""
-    return StepErrors(*map(np.concatenate, zip(*parts, strict=True)))
+def concatenate_errors(groups: Iterable[StepErrors]) -> StepErrors:
+    """Return the StepErrors of several groups of steps as one StepErrors, in the order of the groups."""
+    return StepErrors(*map(np.concatenate, zip(*groups, strict=True)))
 
 
 @np.errstate(all="ignore")
@@ -388,7 +390,9 @@ class StepRounding(NamedTuple):
 
 
 def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
-    """Return the `StepRounding` of integration steps of a rate from `start` to `stop` [s]."""
+    """Return the `StepRounding` of integration steps from `start` to `stop` [s]; `signal` is the Signal of the
+    rate.
+    """
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))

@@ -60,7 +60,7 @@ class AngleIntegral(_RateIntegral):
 
     @property
     def is_exact(self) -> bool:
-        """Whether steps of any length are exact."""
+        """True if steps of any length are exact, which is so for a constant rate."""
         return isinstance(self.rate, ConstantSignal)
 
     @np.errstate(all="ignore")
@@ -135,7 +135,7 @@ class AttitudeIntegral(_RateIntegral):
 
     @property
     def is_exact(self) -> bool:
-        """Whether steps have no truncation error: a constant rate, but not by Runge-Kutta steps."""
+        """True if steps have no truncation error, which is so for a constant rate except by Runge-Kutta steps."""
         return isinstance(self.rate, ConstantSignal) and self.rule is not STEP_RULE_BY_NAME["rk4_quaternion"]
 
     @np.errstate(all="ignore")

@@ -30,7 +30,9 @@ _R1_TUPLE_PART_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is giv
 
 
 class ConstantSignal:
-    """Signal that has one value at every time, for one motion or for each of many motions."""
+    """Signal that has one value at every time, for one motion or for each of many motions. `values_at` and
+    `values_at_nodes` return it as arrays.
+    """
 
     motions: tuple[int, ...]  # leading shape of the motions; () for one
 
@@ -39,7 +41,7 @@ class ConstantSignal:
         self.motions = motions
 
     def values_at(self, times: Array) -> Array:
-        """Return the value at times of any shape."""
+        """Return the constant value at times of any shape, as a read-only array (*times.shape, ...)."""
         return np.broadcast_to(self.value, times.shape + self.value.shape)
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
@@ -53,7 +55,9 @@ class ConstantSignal:
 
 
 class CallableSignal:
-    """Signal whose values a callable of an array of times computes; `name` is the name of the argument in errors."""
+    """Signal whose values a callable of an array of times computes, called by `values_at` and `values_at_nodes`;
+    `name` is the name of the argument in errors.
+    """
 
     motions: tuple[int, ...] = ()
 
@@ -88,8 +92,8 @@ class CallableSignal:
 
 
 class SampledSignal:
-    """Signal of samples (N,) or (N, k) of one or of many motions, interpolated by polynomials through the nearest
-    samples.
+    """Signal of samples (N,) or (N, k) of one or of many motions at their instants. `values_at` returns the samples,
+    and `values_at_nodes` values that are interpolated by polynomials through the nearest samples.
 
     Only differences of neighbouring instants enter, so that stamps since 1970 are not rounded again.
     """

@@ -63,7 +63,9 @@ class Solution(NamedTuple):
 
     @property
     def largest_error(self) -> float:
-        """The larger of both errors [rad]; NaN where one is."""
+        """The larger of both error estimates [rad], a float; NaN if one of them is NaN. They are computed at the
+        first access.
+        """
         return float(np.maximum(self.error(), self.psi_error()))
 
     def check_tolerance(self, options: SolveOptions) -> None:

@@ -48,7 +48,9 @@ class Steps(NamedTuple):
         return len(self.t) - 1
 
     def at_instants(self, rows: Array) -> Array:
-        """Return the rows at the instants, of `rows` at the ends of all steps."""
+        """Return the rows at the instants of the result; `rows` is an array with a row for the end of each step, the
+        start included.
+        """
         return rows if self.instant_indices is None else rows[self.instant_indices]
 
     def refine(self, times: Array) -> Steps:
@@ -223,7 +225,9 @@ class PrefixScan:
 
 
 def _padded_length(count: int) -> int:
-    """Return the number of rows of a buffer for `count` elements: whole groups, unless they are few."""
+    """Return the number of rows of a buffer for `count` elements: a multiple of SCAN_GROUP_SIZE, or `count` if there
+    are at most MAX_SEQUENTIAL_SCAN_ELEMENTS.
+    """
     return count if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS else -(-count // SCAN_GROUP_SIZE) * SCAN_GROUP_SIZE
 
 

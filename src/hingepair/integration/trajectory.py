@@ -234,6 +234,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return f"{type(self).__name__}({method}, {counts}, outputs=({names}))"
 
     def _named(self) -> Iterable[str]:
+        """Return the names of the attributes of the state, which the trajectory has too."""
         return dir(object.__getattribute__(self, "state"))
 
 

@@ -57,6 +57,7 @@ def error_bounds(
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:
+    """Return a tuple as it is, and any other value as a tuple that holds it."""
     return value if isinstance(value, tuple) else (value,)
 
 

@@ -306,6 +306,7 @@ def _ten_numbers(moments: _MassMoments) -> Exact:
 
 
 def _rounded_numbers(moments: _MassMoments) -> list[float]:
+    """Return mass, first moment and second moment of a body as a list of ten floats."""
     return [float(x) for x in _ten_numbers(moments)]
 
 
@@ -320,14 +321,17 @@ def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
 
 
 def _exact(array: NDArray[np.float64]) -> Exact:
+    """Return the entries of an array, row by row, as a list of Fractions."""
     return [Fraction(x) for x in array.ravel().tolist()]
 
 
 def _matrix_times_vector(A: Exact, v: Exact) -> Exact:
+    """Return the product A v of a matrix (3, 3), given row by row, and a vector; all are lists of Fractions."""
     return [_sum_of_products((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
 
 
 def _transposed(A: Exact) -> Exact:
+    """Return the transpose of a matrix (3, 3), given and returned as a list of nine Fractions, row by row."""
     return [A[3 * j + i] for i in range(3) for j in range(3)]
 
 

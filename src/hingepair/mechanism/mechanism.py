@@ -90,6 +90,7 @@ class Mechanism(MechanismMethods):
         self._set(building.tree_of_pairs(pairs, parents, base, name), base)
 
     def _set(self, tree: Tree, base: str) -> None:
+        """Store the Tree and the kind of the base in this frozen object."""
         object.__setattr__(self, "tree", tree)
         object.__setattr__(self, "base", base)
 
@@ -204,19 +205,19 @@ class Mechanism(MechanismMethods):
         """Lower limits (first column) and upper limits (second column) of q [rad or m]; shape (dof, 2). Joints
         without limits get -inf and inf.
         """
-        return self._limits("position_limits", 2)
+        return self._joint_values("position_limits", 2)
 
     @property
     def rate_limits(self) -> Float64Array:
         """Largest permitted rates of the coordinates [rad/s or m/s]; shape (dof,). Joints without a limit get inf."""
-        return self._limits("rate_limit")
+        return self._joint_values("rate_limit")
 
     @property
     def effort_limits(self) -> Float64Array:
         """Largest motor torques of hinges [N m] and motor forces of sliders [N]; shape (dof,). Joints without a limit
         get inf.
         """
-        return self._limits("effort_limit")
+        return self._joint_values("effort_limit")
 
     @property
     def armature(self) -> Float64Array:
@@ -235,7 +236,10 @@ class Mechanism(MechanismMethods):
             sums[leader] += joint.armature * ratio * ratio
         return read_only(np.array([*sums.values()], dtype=np.float64))
 
-    def _limits(self, field: str, *tail: int) -> Float64Array:
+    def _joint_values(self, field: str, *tail: int) -> Float64Array:
+        """Return the values that the joints with a coordinate have in the field named `field`, as a read-only array
+        (dof, ...).
+        """
         values = [getattr(joint, field) for joint in self.tree.coordinates]
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 

@@ -201,6 +201,9 @@ def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> typ
 def _rebuild_joint_results(
     kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> JointResults:
+    """Return joint results of the class `kind` from their pickled contents: names of the joints, arrays by output
+    name, and shape of the samples.
+    """
     return joint_results_class(kind, names)(arrays, shape)  # type: ignore[arg-type]
 
 
