@@ -302,21 +302,22 @@ class Arithmetic:
             if not isinstance(value, TracedValue) and value not in self.constant_slots:
                 self.constant_slots[value] = size
                 size += 1
-        made: dict[int, int] = {}
+        step_index_by_id: dict[int, int] = {}
         for s, step in enumerate(steps):
-            made |= {id(value): s for value in self._values_made_by(step)}
+            step_index_by_id |= {id(value): s for value in self._values_made_by(step)}
             for angle in step.angles:
                 lines = self._sine_lines[id(angle)]
                 self.slots |= {id(line): size + SINE_OPERATION_NAMES.index(line.operation) for line in lines}
                 size += len(SINE_OPERATION_NAMES)
         last: dict[int, int] = {}
         for s, step in enumerate(steps):
-            last |= {id(value): s for value in self._values_read_by(step) if made.get(id(value), s) != s}
-        last |= {id(value): len(steps) for value in wide if id(value) in made}
+            last |= {id(value): s for value in self._values_read_by(step) if step_index_by_id.get(id(value), s) != s}
+        last |= {id(value): len(steps) for value in wide if id(value) in step_index_by_id}
         ending: defaultdict[int, list[int]] = defaultdict(list)
         for value, s in last.items():
             first_varying = len(self.uniform_steps)
-            if s < first_varying or made[value] >= first_varying:  # uniform values keep their slots for all blocks
+            # Uniform values that varying steps read keep their slots for all blocks.
+            if s < first_varying or step_index_by_id[value] >= first_varying:
                 ending[s].append(value)
         free: list[int] = []
         for s, step in enumerate(steps):

@@ -250,7 +250,7 @@ def _flush_function(float_type: str, number_bytes: int) -> str:
     f = _begin_function("flush", float_type)
     off = f.put(f"and i64 %at, {CACHE_LINE_BYTES - 1}")
     line, stop = f.put(f"sub i64 %at, {off}"), f.put("add i64 %at, %bytes")
-    whole = f.put(f"and i64 {stop}, -{CACHE_LINE_BYTES}")
+    complete_end = f.put(f"and i64 {stop}, -{CACHE_LINE_BYTES}")
     to = f.put("inttoptr i64 %at to ptr")
 
     def copy_numbers(start: str, end: str) -> None:
@@ -264,14 +264,14 @@ def _flush_function(float_type: str, number_bytes: int) -> str:
         copy_numbers("%first", f.put(f"call i64 @llvm.umin.i64(i64 {behind}, i64 {stop})"))
     start = f.put(f"select i1 {cut}, i64 {behind}, i64 {line}")
     with f.loop(
-        f.put(f"sub i64 {whole}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(CACHE_LINE_BYTES)
+        f.put(f"sub i64 {complete_end}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(CACHE_LINE_BYTES)
     ) as b:
         bits = f.put(f"load {_LLVM_CACHE_LINE_TYPE}, ptr {f.pointer_at('%stage', b)}, align {number_bytes}")
         target = f.pointer_at(to, b)
         f.do(f"store {_LLVM_CACHE_LINE_TYPE} {bits}, ptr {target}, align {CACHE_LINE_BYTES}, !nontemporal !0")
     with f.when_else("%last") as otherwise:
-        with f.when(f.put(f"icmp sge i64 {whole}, {start}")):
-            copy_numbers(whole, stop)
+        with f.when(f.put(f"icmp sge i64 {complete_end}, {start}")):
+            copy_numbers(complete_end, stop)
         otherwise()
         end = f.pointer_at("%stage", "%bytes")
         bits = f.put(

@@ -159,8 +159,8 @@ class Plan:
         returned; traced results get names for generated code.
         """
         for result, function, arguments in self.steps:
-            made = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, made, _COMPONENT_NAMES_BY_STEP_RESULT.get(result))
+            value = values[result] = function(*[values[name] for name in arguments])
+            name_components(result, value, _COMPONENT_NAMES_BY_STEP_RESULT.get(result))
         return values
 
 
@@ -194,18 +194,18 @@ def make_plan(
             the coordinates and of body 1's motion, as far as they are needed.
 
     Returns:
-        The same object where the same steps are taken, however they are asked for: programs and kernels hang on it.
+        The same object for the same steps, whatever the arguments are: programs and kernels are cached by plan.
     """
-    taken, _ = needed_steps(all_steps(sequence, has_home, trig_functions, kind, given_names), outputs)
-    return _plan(taken, outputs, kind)
+    steps, _ = needed_steps(all_steps(sequence, has_home, trig_functions, kind, given_names), outputs)
+    return _plan(steps, outputs, kind)
 
 
 @functools.lru_cache(maxsize=1024)
-def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
-    """Return the cached plan that computes the outputs. The plan contains those of the steps `taken` on which the
-    outputs depend. Equal arguments give the identical plan object.
+def _plan(steps: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
+    """Return the cached plan that computes the outputs by the given steps. Steps on which no output depends are left
+    out. Equal arguments give the identical plan object.
     """
-    return Plan(outputs, *needed_steps(taken, outputs), kind)
+    return Plan(outputs, *needed_steps(steps, outputs), kind)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -222,13 +222,13 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
     the arguments of these steps, and the outputs, that no step computes.
     """
     needed = set(outputs)
-    taken = []
+    selected = []
     for step in reversed(tuple(steps)):
         if step.result in needed:
-            taken.append(step)
+            selected.append(step)
             needed.remove(step.result)
             needed.update(step.arguments)
-    return tuple(reversed(taken)), frozenset(needed)
+    return tuple(reversed(selected)), frozenset(needed)
 
 
 @functools.cache
