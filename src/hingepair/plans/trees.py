@@ -180,7 +180,7 @@ class Computation:
 
     def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return a tuple of efforts by coordinate from the efforts of all joints. The effort of a mimic joint is
-        multiplied by its multiplier and added to that of its leader.
+        multiplied by its multiplier and added to the effort of its leader.
         """
         sums: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
@@ -265,8 +265,8 @@ class Computation:
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
         """Return a list of the columns of a Jacobian, each a tuple of six numbers: first base_columns, then one
-        column for each coordinate. Both arguments hold pairs (linear, angular); columns of mimic joints are added,
-        times their multipliers, to those of their leaders.
+        column for each coordinate. Both arguments hold pairs (linear, angular). The column of a mimic joint is
+        multiplied by its multiplier and added to the column of its leader.
         """
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
@@ -285,7 +285,7 @@ class Computation:
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
         """Return (a, alpha) of the first frame as six numbers, for q'' = 0. A free base is taken to have no
-        acceleration, any other base has the given one.
+        acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
         a, alpha = self._accelerations_of_frames(self._body_accelerations(self.zero_rates, base))[0]
@@ -335,7 +335,7 @@ class Computation:
     @functools.cached_property
     def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
         """List of the wrenches that the joints transmit for q'' = 0, in the axes of their bodies, the total wrench on
-        the base first. A free base has no acceleration, and gravity is left out.
+        the base first. For a free base, its acceleration and gravity are left out.
 
         Gravity acts on all bodies of a free robot alike, so it is added when the accelerations have been solved for.
         """
@@ -379,8 +379,8 @@ class Computation:
 
     @functools.cached_property
     def composites(self) -> list[eq.Matter]:
-        """List of composite bodies, the base first: mass, first and second moment of each body with all bodies beyond
-        it.
+        """List of the mass and the first and second moments of mass of the composite bodies, the base first. A
+        composite body is a body with all bodies that it carries.
         """
         return self._name_components(
             eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
@@ -535,7 +535,7 @@ class Computation:
 
     def centre_of_mass_bias(self) -> Vector:
         """Return the acceleration of the robot's centre of mass for q'' = 0. A free base is taken to have no
-        acceleration, any other base has the given one.
+        acceleration; any other base has the given acceleration.
         """
         turning = (
             self.values["omega1"],
