@@ -119,8 +119,8 @@ class MotionByCoordinates:
         return report
 
     def constant_names(self) -> frozenset[str]:
-        """Return the names of the coordinates, and of groups of coordinates such as phi, that do not change, a
-        frozenset. Only values stored as floats count as constant.
+        """Return a frozenset of the names of the coordinates, and of groups of coordinates such as phi, that do not
+        change. Only values stored as floats count as constant.
         """
         derivative_by_part = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
@@ -238,7 +238,7 @@ class MotionByBody1:
         return columns | attitude | {angle: self.hinge[order]}
 
     def constant_names(self) -> frozenset[str]:
-        """Return an empty set: constant inputs are not looked for in this kind of motion."""
+        """Return an empty frozenset: constant inputs are not looked for in this kind of motion."""
         return frozenset()
 
     def part(self, rows: Rows, order: int) -> MotionByBody1:
