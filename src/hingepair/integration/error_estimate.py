@@ -195,9 +195,9 @@ def estimate_error(
 
 
 def rounding_error(integral: Integral, values: Array, step_sample: StepSample, rounding: StepRounding) -> float:
-    """Return the largest rounding error of an integral at any instant [rad], without the rounding of time stamps.
-    `values` are the attitudes or angles at the ends of all steps. `rounding` is the StepRounding of the steps in
-    `step_sample`, which stand for all steps.
+    """Return the largest rounding error of an integral at any instant [rad], a float, without the rounding of time
+    stamps. `values` are the attitudes or angles at the ends of all steps. `rounding` is the StepRounding of the steps
+    in `step_sample`, which stand for all steps.
     """
     size = float((rounding.rate_integral * step_sample.error_weights(0)).sum())
     if _is_rate_constant(integral.rate, step_sample):

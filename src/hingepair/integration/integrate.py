@@ -498,8 +498,8 @@ def _stack_results(
 
 
 def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
-    """Return the lazy error estimates of motions, a sequence, as one object, a LazyValues of shape `motions`; where
-    that is (), return the LazyValue of the single motion.
+    """Return the lazy error estimates of motions, a sequence, as one LazyValues object of shape `motions`; if
+    `motions` is (), return the LazyValue of the single motion.
     """
     return LazyValues(object_array(motions, errors)) if motions else errors[0]
 

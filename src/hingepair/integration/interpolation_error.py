@@ -40,9 +40,9 @@ def largest_interpolation_error(
     samples: SampledSignal, step_errors: tuple[NDArray[np.intp], Array], rotate_to_start: ErrorRotation
 ) -> float:
     """Return the largest error up to any instant [rad] of the integral of a rate that is interpolated between
-    samples; NaN below 4 samples. `step_errors` is a pair of arrays, indices of intervals and errors of the
-    integration steps in them, which are part of the sum. `rotate_to_start` is a function that rotates errors of
-    intervals to the axes of the first instant.
+    samples, a float; NaN below 4 samples. `step_errors` is a pair of arrays, indices of intervals and errors of the
+    integration steps in them, which are subtracted. `rotate_to_start` is a function that rotates errors of intervals
+    to the axes of the first instant.
     """
     intervals, interval_step_errors = step_errors
     if len(samples.t) < 4:
@@ -107,10 +107,10 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return two arrays (stencils, columns): the mean, and the larger one, of two divided differences for each
-    stencil, those of the stencil with the next sample on its left, and with the next sample on its right. A stencil
-    is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the list of the divided
-    differences of each order.
+    """Return two arrays (stencils, columns): for each stencil the mean and the larger one of two divided differences,
+    one over the stencil and the next sample on its left, the other over the stencil and the next sample on its right.
+    A stencil is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the list of the
+    divided differences of each order.
 
     Where there are no more samples, the differences of lower order are extrapolated.
     """

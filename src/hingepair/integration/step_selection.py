@@ -162,15 +162,15 @@ def _next_part_counts(
 
 def _divide_pieces(
     integrals: Sequence[Integral],
-    pieces: tuple[NDArray[np.intp], Array, Array, Array],
+    piece_columns: tuple[NDArray[np.intp], Array, Array, Array],
     counts: NDArray[np.int64],
     duration: float,
 ) -> _Pieces:
     """Divide pieces of time into `counts` equal parts each, measure the errors of the parts, and return the parts as
-    `_Pieces`. `pieces` is a tuple of arrays, interval indices, starts, stops and error sizes. `duration` is the whole
-    time of the motion [s].
+    `_Pieces`. `piece_columns` is a tuple of arrays, interval indices, starts, stops and error sizes of the pieces.
+    `duration` is the whole time of the motion [s].
     """
-    (interval, start, stop, old_sizes), order = pieces, integrals[0].rule.order
+    (interval, start, stop, old_sizes), order = piece_columns, integrals[0].rule.order
     steps = subdivide(start, stop, counts)
     errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
     sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), 1e30)  # also of infinite errors

@@ -47,9 +47,9 @@ def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
     """Read a robot from a URDF file or from URDF text, which starts with "<", and return its Tree. `base` is "fixed"
-    or "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]; warn of positions
-    beyond limits. Angles within `snap` [rad] (0 for None) of a multiple of pi/2 are replaced by that multiple. Raise
-    a URDFError if the URDF is no tree of hinges and sliders.
+    or "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]; a DynamicsWarning names
+    positions beyond limits. Angles within `snap` [rad] (0 for None) of a multiple of pi/2 are replaced by that
+    multiple. Raise a URDFError if the URDF is no tree of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -61,10 +61,10 @@ def tree_of_urdf(
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return (Tree, kind of the base) of a Pinocchio model. The kind is `base`, "fixed" or "free"; if `base` is None,
-    it is "free" if the model has a free-flyer. Joints in `locked`, a dict by name, are held at the given positions
-    [rad or m]. Warn of positions beyond limits, and of a gravity that is not the default. Raise an ArgumentError for
-    a model with joints of other kinds than hinges, sliders and mimic joints.
+    """Return a pair, the Tree and the kind of the base, of a Pinocchio model. The kind is `base`, "fixed" or "free";
+    if `base` is None, it is "free" if the model has a free-flyer. Joints in `locked`, a dict by name, are held at the
+    given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is not
+    the default. Raise an ArgumentError for a model with joints of other kinds than hinges, sliders and mimic joints.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.

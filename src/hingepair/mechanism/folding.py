@@ -75,8 +75,9 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
     """Return the Tree of the joints that move, from JointParts (the base, then the joints). `locked` is None or a
     dict of positions [rad or m] at which joints are held. The bodies that fixed and locked joints connect are merged.
-    If `base` is "fixed", notes on the masses of the base are left out. Warn of joints that are locked beyond their
-    limits. Raise an ArgumentError if a locked joint does not exist, or if joints follow each other in a circle.
+    If `base` is "fixed", notes on the masses of the base are left out. Issue a DynamicsWarning for a joint that is
+    locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, or if joints follow each other
+    in a circle.
 
     Args:
         name: name of the robot.
@@ -125,8 +126,9 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Warn
-    of positions beyond the limits of the joints in `parts`. Raise an ArgumentError for an unknown joint.
+    """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Issue
+    a DynamicsWarning for a position beyond the limits of its joint in `parts`. Raise an ArgumentError for an unknown
+    joint.
     """
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))

@@ -969,7 +969,7 @@ class MechanismMethods(Shown):
         """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`.
         `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` None or a BodyMotion, and `labelled_loads`
         None or a dict of (value, name for messages). For Dask arrays, return lazy arrays. If the outputs depend on
-        masses, warn once of assumed or impossible masses.
+        masses, issue DynamicsWarnings for assumed or impossible masses at the first call.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
