@@ -5,10 +5,8 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Collection, Sequence
 
-_MAX_VALUE_CHARACTERS = 120  # characters of a value in a message
-_MAX_LISTED_NAMES = 64  # names that a message lists in full
-_MAX_COMPARED_NAMES = 2000  # names that a misspelt one is compared with; of more none is
-_MIN_SUBSTRING_LENGTH = 3  # characters of a name from which on a name that contains it is near
+# A longer text of a value is cut to this length, and the text of an array of more entries is left out.
+_MAX_VALUE_TEXT_LENGTH = 120
 
 
 class HingePairError(Exception):
@@ -110,21 +108,25 @@ class CompilationError(HingePairError, RuntimeError):
 
 
 def shorten(value: object) -> str:
-    """Return a value as one short line of text for a message; the work is bounded however large the value is."""
-    if getattr(value, "size", 0) > _MAX_VALUE_CHARACTERS and hasattr(value, "shape"):  # its text would be cut
+    """Return a value as one short line of text for a message: its repr without line breaks, or a text itself, cut
+    after 120 characters; of a large array only the shape. The work is bounded however large the value is.
+    """
+    if getattr(value, "size", 0) > _MAX_VALUE_TEXT_LENGTH and hasattr(value, "shape"):  # its text would be cut
         return f"an array of shape {value.shape}"
     plain_value = value.tolist() if hasattr(value, "tolist") else value
     text = " ".join(
-        (plain_value[: 2 * _MAX_VALUE_CHARACTERS] if isinstance(plain_value, str) else _brief(plain_value)).split()
+        (plain_value[: 2 * _MAX_VALUE_TEXT_LENGTH] if isinstance(plain_value, str) else _brief(plain_value)).split()
     )
-    return text if len(text) <= _MAX_VALUE_CHARACTERS else text[: _MAX_VALUE_CHARACTERS - 3] + "..."
+    return text if len(text) <= _MAX_VALUE_TEXT_LENGTH else text[: _MAX_VALUE_TEXT_LENGTH - 3] + "..."
 
 
 def _brief(value: object) -> str:
-    """Return the repr of a value; of a long collection only its first items, of a long text its two ends."""
+    """Return the repr of a value, shortened: of a long collection only its first items, of a long text its two ends.
+    An integer with too many digits is described by its type.
+    """
     brief = reprlib.Repr()
-    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_VALUE_CHARACTERS // 4
-    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_VALUE_CHARACTERS
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_VALUE_TEXT_LENGTH // 4
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_VALUE_TEXT_LENGTH
     try:
         return brief.repr(value)
     except ValueError:  # an integer with too many digits to be written
@@ -133,38 +135,39 @@ def _brief(value: object) -> str:
 
 def quoted(value: object) -> object:
     """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
-    return repr(value[: 2 * _MAX_VALUE_CHARACTERS]) if isinstance(value, str) else value
+    return repr(value[: 2 * _MAX_VALUE_TEXT_LENGTH]) if isinstance(value, str) else value
 
 
-def nearest(name: str, known: Collection[str]) -> str:
-    """Return ` (nearest: name)` for a name that was probably misspelt, or an empty text where none is near."""
+def nearest(name: str, known_names: Collection[str]) -> str:
+    """Return ` (nearest: NAME)` for a name that was probably misspelt, or an empty text where none of the known names
+    resembles it or contains it.
+    """
     import difflib
 
-    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _MAX_COMPARED_NAMES else []
-    if not near and len(name) >= _MIN_SUBSTRING_LENGTH:
-        near = [one for one in known if name in one][:1]
+    is_quick = len(known_names) <= 2000  # the search for similar names takes long among more
+    near = difflib.get_close_matches(name[:40], known_names, 1, cutoff=0.5) if is_quick else []
+    if not near and len(name) >= 3:
+        near = [known_name for known_name in known_names if name in known_name][:1]
     return f" (nearest: {near[0]})" if near else ""
 
 
 def choices(names: Sequence[str]) -> str:
     """Return `one of a, b, c` for messages; of more than 64 names only the first 32 are listed."""
-    if len(names) <= _MAX_LISTED_NAMES:
+    if len(names) <= 64:
         return "one of " + ", ".join(names)
-    return f"one of {len(names)} names: {', '.join(names[: _MAX_LISTED_NAMES // 2])}, ..."
+    return f"one of {len(names)} names: {', '.join(names[:32])}, ..."
 
 
 def line_with_caret(line: str, column: int) -> str:
-    """Return a line and, in a second line, a caret under a column, counted from 1; a long line is cut on both sides.
+    """Return a line and, in a second line, a caret under a column, counted from 1. Of a long line, only the 60
+    characters before the column and the 61 from it on are kept.
 
     >>> print(line_with_caret("psi = 2*", 9))
       psi = 2*
               ^
     """
-    start = max(0, column - 1 - _MAX_VALUE_CHARACTERS // 2)
-    before, behind = (
-        printable(line[start : column - 1]),
-        printable(line[column - 1 : column + _MAX_VALUE_CHARACTERS // 2]),
-    )
+    start = max(0, column - 61)
+    before, behind = printable(line[start : column - 1]), printable(line[column - 1 : column + 60])
     return f"  {before}{behind}".rstrip() + f"\n  {' ' * len(before)}^"
 
 

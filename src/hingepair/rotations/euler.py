@@ -25,19 +25,16 @@ from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
-# abs(cos phi_y) below which angles are lost, by the bytes of a number.
-_GIMBAL_LOCK_COSINE_BY_ITEMSIZE = {4: 5e-4, 8: 1e-12}
-
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
     """Return the limit of abs(cos phi_y), or of abs(sin phi_y) for proper sequences such as XYX, below which angles
-    are taken to be at gimbal lock. Only the dtype of the argument `array` matters.
+    are taken to be at gimbal lock: 1e-12, or 5e-4 if the argument `array` has the dtype float32.
 
     Below it, the rounding of the angles, or of the matrix, leaves fewer than four correct digits of the rates.
     """
-    return _GIMBAL_LOCK_COSINE_BY_ITEMSIZE[result_dtype((array,)).itemsize]
+    return {4: 5e-4, 8: 1e-12}[result_dtype((array,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -157,8 +154,8 @@ def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
     """Return an array (..., 3, 3) of the matrices that the function `matrix_of_trig` computes for Euler angles phi.
-    It is called with the Sequence and with a tuple of (sin, cos) of the three canonical angles. `sequence` is the
-    name of the sequence.
+    It is called with the Sequence and with the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical
+    angles, and returns nine entries. `sequence` is the name of the sequence.
     """
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
@@ -236,8 +233,8 @@ def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector
 
 
 def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Return the three canonical angles [rad] of a rotation S, given as nine entries in canonical axes: those of S =
-    Sx Sy Sz, or of S = Sx Sy Sx if the Sequence is proper.
+    """Return the three canonical angles [rad] of a rotation S, a tuple of nine entries in canonical axes. They are
+    the angles of S = Sx Sy Sz, or of S = Sx Sy Sx if the Sequence is proper.
 
     The second and third angle are read after the first has been turned back out of S.
 
