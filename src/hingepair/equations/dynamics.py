@@ -37,8 +37,8 @@ from hingepair.equations.spatial import (
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
     """Return m (a_c - g), the sum of all forces on a body except gravity (D1). A point of the body has the
-    acceleration a, r leads from it to the centre of mass, omega and alpha are the body's, and `g` is the acceleration
-    of gravity.
+    acceleration a, and r leads from it to the centre of mass. omega and alpha are the angular velocity and
+    acceleration of the body, and `g` is the acceleration of gravity.
     """
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
@@ -73,7 +73,7 @@ def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
 
 
 def point_mass_inertia(mass: Scalar, r: Vector) -> Matrix:
-    """Return the inertia matrix -m [r]x [r]x of a point mass at r, about the origin of r."""
+    """Return the inertia matrix -m [r]x [r]x of a point mass at r, about the origin of r, as nine entries."""
     x, y, z = r
     xx, yy, zz = mass * (x * x), mass * (y * y), mass * (z * z)
     xy, yz, zx = -(mass * (x * y)), -(mass * (y * z)), -(mass * (z * x))
@@ -178,8 +178,8 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
-    """Return the kinetic energy of one body (D7). `velocity` is that of the centre of mass, and `inertia` is about
-    it; omega and inertia are in common axes.
+    """Return the kinetic energy of one body (D7). `velocity` is the velocity of the centre of mass, and `inertia` is
+    about the centre of mass; omega and inertia are in common axes.
     """
     return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
 
@@ -190,8 +190,8 @@ def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
 
 
 def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
-    """Return the angular momentum of one body about the origin (D8). R and velocity are those of the centre of mass,
-    and `inertia` is about it; all are in world axes.
+    """Return the angular momentum of one body about the origin (D8). R and `velocity` are the position and the
+    velocity of the centre of mass, and `inertia` is about the centre of mass; all are in world axes.
     """
     return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
 
@@ -204,8 +204,8 @@ def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -
 
 
 def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
-    """Return the potential energy of both bodies (D7), which is 0 at the world's origin. centre1 and centre2 are the
-    positions of the centres of mass, and `gravity` is the acceleration of gravity.
+    """Return the potential energy of both bodies (D7), zero for masses at the world's origin. centre1 and centre2 are
+    the positions of the centres of mass, and `gravity` is the acceleration of gravity.
     """
     return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
 
@@ -255,10 +255,11 @@ def pair_angular_momentum(inertia: PairInertia, omega1: Vector, psid: Scalar) ->
 
 
 def reference_point_rate(
-    centre_rate: Vector, body1_turn: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
+    centre_rate: Vector, body1_rate: Vector, centre: Vector, partial_velocity2: Vector, psid_fraction: Scalar
 ) -> Vector:
     """Return v1 from the velocity of the common centre of mass, or a1 without centripetal terms from its
-    acceleration. body1_turn is omega1 or alpha1, `centre` leads from R1 to the centre of mass, partial_velocity2 is
-    the velocity of body 2's centre of mass for psi' = 1, and psid_fraction is psi' or psi'' times m2 / (m1 + m2).
+    acceleration. body1_rate is omega1 or alpha1, `centre` leads from R1 to the common centre of mass,
+    partial_velocity2 is the velocity of body 2's centre of mass for psi' = 1, and psid_fraction is psi' or psi''
+    times m2 / (m1 + m2).
     """
-    return subtract(centre_rate, add(cross(body1_turn, centre), scale(partial_velocity2, psid_fraction)))
+    return subtract(centre_rate, add(cross(body1_rate, centre), scale(partial_velocity2, psid_fraction)))

@@ -249,16 +249,16 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries that are not constant of the columns (e_x, b, c) of J for Sx Sy
-    Sz (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of J for Sx Sy Sz (E4).
+    `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries that are not constant of the columns (e_x, b, c) of J for Sx Sy
-    Sx (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of J for Sx Sy Sx (E4).
+    `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)

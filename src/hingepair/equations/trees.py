@@ -81,8 +81,8 @@ class Link(NamedTuple):
 
 
 class Base(NamedTuple):
-    """The base of a tree (body 0): its mass m, and its first moment h and second moment N about its reference point,
-    in the base's axes.
+    """The base of a tree (body 0): its mass m (`mass`), and its first moment h (`first`) and second moment N
+    (`second`) about its reference point, in the base's axes.
     """
 
     mass: Scalar
@@ -155,8 +155,8 @@ def joint_placements(
 
 
 class Pose(NamedTuple):
-    """Pose of a body in world axes: attitude S, vector d from the base's reference point to that of the body, and
-    vector arm from the parent's reference point to that of the body.
+    """Pose of a body or a frame in world axes: its attitude S, the vector d from the base's reference point to its
+    own, and the vector `arm` from the reference point of the parent body to its own.
     """
 
     S: Matrix
@@ -227,8 +227,8 @@ def body_accelerations(
 
 
 def frame_pose(body: Pose, R: Vector, S: Matrix) -> Pose:
-    """Return the pose, in world axes, of a frame that is fixed in a body, at the position R and with the axes S, both
-    in body axes (E7). `body` is the pose of the body.
+    """Return the `Pose`, in world axes, of a frame that is fixed in a body, at the position R and with the axes S,
+    both in body axes (E7). `body` is the `Pose` of the body.
     """
     arm = rotate(body.S, R)
     return Pose(compose(body.S, S), add(body.d, arm), arm)
@@ -343,8 +343,8 @@ def outer_sum(a: Vector, b: Vector) -> Symmetric:
 
 
 class Acceleration(NamedTuple):
-    """The motion of a body from which its inertial wrench follows, in body axes: omega, the acceleration a - g of its
-    reference point, and the matrix B of T1.
+    """The motion of a body from which its inertial wrench follows, in body axes: the angular velocity omega, the
+    acceleration `a` of its reference point less gravity, and the matrix B of T1.
     """
 
     omega: Vector
@@ -376,7 +376,7 @@ def accelerations_in_own_axes(
     a: Vector,
 ) -> list[Acceleration]:
     """Return a list of the `Acceleration` of all bodies, each in the axes of its body, the base first (T1). omega,
-    alpha and a are those of the base in base axes; a is its acceleration less gravity.
+    alpha and a describe the motion of the base, in base axes; a is its acceleration less gravity.
     """
     angular = [(omega, alpha)]
     motions = [Acceleration(omega, a, acceleration_gradient(omega, alpha))]
@@ -435,15 +435,15 @@ def sum_inward(
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
     """Return a list with the component of each joint's wrench along the joint axis: the torque of a hinge, the force
-    of a slider (T3). `wrenches` holds pairs (force, torque); the first, that of the base, is skipped.
+    of a slider (T3). `wrenches` holds pairs (force, torque); the first, the wrench on the base, is skipped.
     """
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
 
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
     """Return a list with the effort of each joint's motor: the sum of the wrench's component along the axis and of
-    armature times q'', the inertial effort of the motor's own rotor (T3, T10). `wrenches` begins with that of the
-    base.
+    armature times q'', the inertial effort of the motor's own rotor (T3, T10). `wrenches` begins with the wrench on
+    the base.
     """
     loads = along_axes(links, wrenches)
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
@@ -468,8 +468,8 @@ def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
 
 
 class Matter(NamedTuple):
-    """Mass, first moment and second moment of a body or of several bodies together, in a body's axes and about its
-    reference point.
+    """The mass (`mass`), the first moment (`first`) and the second moment (`second`) of a body or of several bodies
+    together, in a body's axes and about its reference point.
     """
 
     mass: Scalar
@@ -497,8 +497,8 @@ def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement
 
 
 def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
-    """Return the pair (force, torque), in body axes, that moves matter by q'' = 1 of a joint alone: along the z axis
-    if is_slider is true, else about it (T4).
+    """Return the pair (force, torque), in body axes, that gives a body of this `Matter` the motion of q'' = 1 of a
+    joint alone: along the z axis if is_slider is true, else about it (T4).
     """
     x, y, _ = matter.first
     if is_slider:
@@ -510,8 +510,9 @@ def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
 def mass_matrix(
     links: Sequence[Link], placements: Sequence[Placement], composite_matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
-    """Return the rows of the mass matrix M up to its diagonal, rotor inertias included, as lists, and a list of the
-    wrenches on the base, base axes, for q'' = 1 of each joint (T4). composite_matter is the result of `composites`.
+    """Return a list of the rows of the mass matrix M up to the diagonal, rotor inertias included, and a list of
+    the wrenches on the base, base axes, for q'' = 1 of each joint (T4). composite_matter is the result of
+    `composites`.
     """
     rows: list[list[Scalar]] = []
     on_base = []
@@ -533,7 +534,7 @@ def mass_matrix(
 
 def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
     """Return a list of the six rows of the mass matrix M of a free base, each up to its diagonal, for (v1, omega1) in
-    world axes (T4). `matter` is that of the whole tree and S the attitude of the base.
+    world axes (T4). `matter` is the `Matter` of the whole tree and S the attitude of the base.
     """
     x, y, z = rotate(S, matter.first)
     J = conjugate(S, inertia_from_moment(matter.second))
@@ -562,8 +563,8 @@ class SpatialInertia(NamedTuple):
 
 
 class JointElimination(NamedTuple):
-    """The elimination of one joint from an articulated body (T5): the inertia's column U of the joint axis as torque
-    and force, the share 1 / D, and the pivot D.
+    """The elimination of one joint from an articulated body (T5): the inertia's column U of the joint axis as
+    `torque` and `force`, `share` = 1 / D, and `pivot` = D.
     """
 
     torque: Vector
@@ -573,7 +574,7 @@ class JointElimination(NamedTuple):
 
 
 def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmetric) -> SpatialInertia:
-    """Return the spatial inertia of a single rigid body about its reference point, in body axes (T5)."""
+    """Return the `SpatialInertia` of a single rigid body about its reference point, in body axes (T5)."""
     x, y, z = first_moment
     return SpatialInertia(
         inertia_from_moment(second_moment), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass)
@@ -581,7 +582,7 @@ def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmet
 
 
 def turned_matrix(turn: Turn, A: Matrix) -> Matrix:
-    """Return Sz(q) A Sz(q)^T for any 3 x 3 matrix A, where turn = (sin q, cos q)."""
+    """Return Sz(q) A Sz(q)^T for any 3 x 3 matrix A, as nine entries, where turn = (sin q, cos q)."""
     s, c = turn
     cc, cs, ss = c * c, c * s, s * s
     both, apart = cs * (A[1] + A[3]), cs * (A[0] - A[4])
@@ -593,7 +594,7 @@ def turned_matrix(turn: Turn, A: Matrix) -> Matrix:
 
 
 def spatial_inertia_to_parent(placement: Placement, inertia: SpatialInertia) -> SpatialInertia:
-    """Return a body's spatial inertia converted to the parent's reference point and the parent's axes (T5)."""
+    """Return the `SpatialInertia` of a body, converted to the parent's reference point and the parent's axes (T5)."""
     J, H, M = inertia
     if placement.turn is not None:
         J, H, M = (
@@ -625,9 +626,9 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 def eliminate_joint(
     is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[JointElimination, SpatialInertia]:
-    """Return the elimination of a joint, and the articulated inertia of its body that is left for the parent, still
-    in body axes (T5, T10). `inertia` is the body's articulated inertia, `armature` the inertia of the motor's rotor,
-    and `reciprocal` the function that computes 1 / D.
+    """Return the pair of the `JointElimination` of a joint and the `SpatialInertia` of its articulated body that is
+    left for the parent, still in body axes (T5, T10). `inertia` is the articulated body's inertia, `armature` the
+    inertia of the motor's rotor, and `reciprocal` the function that computes 1 / D.
     """
     J, H, M = inertia
     if is_slider:
@@ -683,8 +684,8 @@ def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
 def eliminate_joints(
     base: Base, links: Sequence[Link], placements: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[list[JointElimination], SpatialInertia]:
-    """Return a list of the eliminations of all joints, and the articulated inertia of the base in base axes (T5).
-    `reciprocal` is the function that computes 1 / D.
+    """Return the pair of the list of `JointElimination` of all joints and the articulated `SpatialInertia` of the
+    base in base axes (T5). `reciprocal` is the function that computes 1 / D.
     """
     sums = [rigid_body_inertia(body.mass, body.first, body.second) for body in _bodies(base, links)]
     eliminations: list[JointElimination] = []
@@ -704,9 +705,9 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return a list of the q'' that the loads, one number for each joint, cause at each joint while its parent is at
-    rest, and the wrench (force, torque) on the base in base axes (T6). `eliminations` is the list that
-    `eliminate_joints` returns.
+    """Return the pair of a list and a wrench (T6): the q'' that the loads, one number for each joint, cause at each
+    joint while its parent is at rest, and the wrench (force, torque) on the base in base axes. `eliminations` is the
+    list that `eliminate_joints` returns.
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
@@ -739,7 +740,8 @@ def joint_accelerations(
     a: Vector,
 ) -> list[Scalar]:
     """Return a list of q'' of all joints (T6). qdd_by_loads is the list that `accelerations_by_loads` returns,
-    `eliminations` the one that `eliminate_joints` returns, and alpha and a are those of the base in base axes.
+    `eliminations` the list that `eliminate_joints` returns, and alpha and a are the accelerations of the base in base
+    axes.
     """
     bodies, qdd = [(alpha, a)], []
     for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):
@@ -762,8 +764,8 @@ def joint_accelerations(
 def velocities_in_own_axes(
     links: Sequence[Link], placements: Sequence[Placement], qd: Sequence[Scalar], v: Vector, omega: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """Return a list of (v, omega) of all bodies, each in the axes of its body, the base first. v and omega are those
-    of the base in base axes.
+    """Return a list of (v, omega) of all bodies, each in the axes of its body, the base first. v and omega are the
+    velocities of the base in base axes.
     """
     bodies = [(v, omega)]
     for link, joint, rate in zip(links, placements, qd, strict=True):

@@ -61,9 +61,9 @@ def angular_velocity(
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
     def omega_and_defect(values: Named) -> Named:
-        """Return a dict of "omega", the components of the angular velocity, and, if a defect is asked for, "defect",
-        the largest absolute element of the symmetric part of S' S^T. `values` holds S and S_dot by name as
-        components.
+        """Return a dict of "omega", the components of the angular velocity, and, if `with_defect` of the enclosing
+        function is true, "defect", the largest absolute element of the symmetric part of S' S^T. `values` holds S and
+        S_dot by name as components.
         """
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         results: Named = {"omega": eq.unskew(W)}
@@ -148,9 +148,10 @@ def angular_velocity_from_samples(
 
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return a list of the first `count` time derivatives at each of the samples S at instants t: [omega], or [omega,
-    alpha] if `count` is 2. `order` is that of the error of the finite differences. Raise ArgumentError where samples
-    that are used together differ by a turn of pi or more.
+    """Return a list of arrays (..., N, 3), the first `count` time derivatives of the rotation vector at the samples S
+    at instants t: [omega], or [omega, alpha] if `count` is 2. The error of the finite differences is proportional to
+    the time step to the power `order`. Raise ArgumentError where samples that are used together differ by a turn of
+    pi or more.
     """
     turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
@@ -177,8 +178,8 @@ def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
 
 
 def _turned_angles(S: Float64Array) -> Float64Array:
-    """Return for each of the samples S (..., N, 3, 3) the sum of the angles of all steps before it [rad], (..., N).
-    Steps that are NaN count as 0.
+    """Return for each of the samples S (..., N, 3, 3) the sum of the angles of all turns from one sample to the next
+    before it [rad], an array (..., N). Turns that are NaN count as 0.
     """
     angles = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
@@ -188,8 +189,9 @@ def _turned_angles(S: Float64Array) -> Float64Array:
 
 
 def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
-    """Raise ArgumentError if an angle is pi or more. `angles` are those from each sample to its farthest neighbour
-    used, whose rotation vector is ambiguous then; `sample_indices` are the indices of the samples, for the message.
+    """Raise ArgumentError if an angle (..., samples) is pi or more. `angles` holds the angle from each sample to its
+    farthest neighbour used, whose rotation vector is ambiguous from pi on; `sample_indices` are the indices of the
+    samples, for the message.
     """
     bad = np.argwhere(angles >= np.pi)
     if bad.size:

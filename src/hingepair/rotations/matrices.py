@@ -126,8 +126,8 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
-        """Return the nine entries of the rotation matrix of a rotation vector (E6), corrected for the rounding of
-        axis and angle. `values` holds rotvec by name as components.
+        """Return the nine entries of the rotation matrix of a rotation vector (E6) as a tuple, corrected for the
+        rounding of axis and angle. `values` holds rotvec by name as components.
         """
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
@@ -145,8 +145,8 @@ def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
     """Return nine entries to add to the rotation matrix that was computed from the rounded axis n and `trig` = (sin,
-    1 - cos) (E6). The entries are what that rounding lost: `twofold_axis` holds the axis in twice the precision,
-    `trig_low` the low-order parts of `trig`.
+    1 - cos) (E6); they restore what rounding lost. `twofold_axis` holds the axis in twice the precision, `trig_low`
+    the low-order parts of `trig`.
     """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
@@ -296,8 +296,8 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
 
 
 def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation nearest to the matrix M, refined from the approximation S by one Newton step, which makes
-    S^T M symmetric. The result is orthogonal only to first order in the step.
+    """Return the rotations (..., 3, 3) nearest to the matrices M, refined from the approximations S by one Newton
+    step, which makes S^T M symmetric. The result is orthogonal only to first order in the step.
 
     This corrects the rounding of the singular value decomposition (SVD).
     """

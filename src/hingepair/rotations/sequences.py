@@ -45,15 +45,15 @@ class Sequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return the nine entries of the rotation matrix S from `trig`, the tuple of (sin, cos) of the three
-        canonical angles, one after the other (E10).
+        """Return the nine entries of the rotation matrix S as a tuple (E10). `trig` is the flat tuple (sin, cos, sin,
+        cos, sin, cos) of the three canonical angles.
         """
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the entries that are not constant of the columns of the canonical J, as a tuple (E4). `trig` is the
-        tuple of (sin, cos) of the canonical angles, one after the other.
+        """Return the five entries of the canonical J that are not constant, column by column, as a tuple (E4). `trig`
+        is the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical angles.
         """
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
@@ -70,21 +70,21 @@ class Sequence(NamedTuple):
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
     def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J in world axes, in the order of the sequence's letters. `canonical_axes` is
-        the result of the method `axes`.
+        """Return a tuple of the three columns of J in world axes, in the order of the sequence's letters.
+        `canonical_axes` is the result of the method `axes`.
         """
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J' in world axes, in the order of the letters. `canonical_axes` is the result
-        of the method `axes`; the rates phid are in the order of the letters.
+        """Return a tuple of the three columns of J' in world axes, in the order of the letters. `canonical_axes` is
+        the result of the method `axes`; the rates phid are in the order of the letters.
         """
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return the three columns `canonical` of the canonical J (or J'), converted to world axes and to the order
-        of the letters.
+        """Return a tuple of the three columns `canonical` of the canonical J (or J'), converted to world axes and to
+        the order of the letters.
         """
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
