@@ -52,7 +52,7 @@ def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:
         w = np.cross((0, 0, 1), arm)
         C = a * np.eye(3) + b * (p @ p * np.eye(3) - np.outer(p, p)) + b * np.outer(w, w)
         sizes.append(tilt @ tilt / NOISE.attitude + gap @ np.linalg.solve(C, gap))
-    np.testing.assert_allclose(found.sizes(NOISE), sizes, rtol=1e-12)
+    np.testing.assert_allclose(found.whitened_squares(NOISE), sizes, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -65,7 +65,7 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     R1, R2 = made.R1 + 1e-3 * rng.standard_normal(shape), made.R2 + 1e-3 * rng.standard_normal(shape)
     S1, S2 = (turns(2e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
     poses = compute_relative_poses(R1, S1, R2, S2, np.ones(count))
-    sizes = np.concatenate([found.sizes(Noise(2e-6, 8e-6)) for _, found in iterate_residuals(poses, TRUE)])
+    sizes = np.concatenate([found.whitened_squares(Noise(2e-6, 8e-6)) for _, found in iterate_residuals(poses, TRUE)])
     assert sizes.mean() == pytest.approx(5, rel=0.01)
     assert sizes.var() == pytest.approx(10, rel=0.03)
 
@@ -148,7 +148,7 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     scatter = np.sqrt(np.diagonal(evaluate_hinge(poses, best, noise, None).covariance))
 
     def misfit(hinge: Hinge) -> float:
-        return sum(found.sizes(noise).sum() for _, found in iterate_residuals(poses, hinge))
+        return sum(found.whitened_squares(noise).sum() for _, found in iterate_residuals(poses, hinge))
 
     least = misfit(best)
     assert still

@@ -47,7 +47,7 @@ BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 _ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 # Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
 _DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
-_INERTIA_MARGIN_TO_LARGEST_MOMENT = 2.0**-46
+_TRIANGLE_INEQUALITY_MARGIN_TO_LARGEST_MOMENT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
@@ -338,7 +338,7 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
     given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _INERTIA_MARGIN_TO_LARGEST_MOMENT * largest + largest - sum(smaller)
+    lift = _TRIANGLE_INEQUALITY_MARGIN_TO_LARGEST_MOMENT * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 

@@ -162,9 +162,9 @@ def _is_here(frame: Frame) -> bool:
     return not frame.R.any() and bool((np.eye(3) == frame.S).all())
 
 
-def _is_same_frame(one: Frame, other: Frame) -> bool:
+def _is_same_frame(frame: Frame, other_frame: Frame) -> bool:
     """Return whether two frames have equal positions and rotations."""
-    return np.array_equal(one.R, other.R) and np.array_equal(one.S, other.S)
+    return np.array_equal(frame.R, other_frame.R) and np.array_equal(frame.S, other_frame.S)
 
 
 def _unused_name(used_names: set[str], name: str) -> str:

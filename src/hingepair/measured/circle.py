@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.findings import (
-    MAX_AXIS_STD,
-    MAX_NEIGHBOUR_RESIDUAL_CORRELATION,
-    MAX_POINT_STD_TO_LEVER_LENGTH,
+    MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
+    MAX_RELIABLE_AXIS_STD,
+    MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH,
     MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL,
     Finding,
 )
 from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import (
     CHI2_MEDIAN_BY_DOF,
-    MAX_CLOCK_OFFSET_STD,
+    MAX_STD_OF_DETERMINED_CLOCK_OFFSET,
     MAX_THINNED_SAMPLES_FOR_FIRST_STEPS,
     MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE,
     Loss,
@@ -41,11 +41,11 @@ _MAX_CIRCLE_FIT_ITERATIONS = 60  # Gauss-Newton steps of a fit
 # Change as `Circle.relative_change` returns it, above which a Gauss-Newton step is shortened.
 _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP = 0.3
 _MAX_CONVERGED_CIRCLE_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
-_CIRCLE_LOSS_SCALE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
-_MIN_SQUARED_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES = 900.0  # above, samples have no weight
+_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
+_MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES = 900.0  # above, samples have no weight
 _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # in the plane across the chord, to across the plane
 _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS = 0.02  # of residuals that are not noise: a hinge is still reported below this
-_TIME_SHIFT_POSITION_ERROR_TO_RADIUS = 1e-6  # of exact samples moved by `ClockedPoses`
+_POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS = 1e-6  # of exact samples moved by `ClockedPoses`
 _MAX_CONVERGED_CLOCK_OFFSET_STEP = 1e-6  # of the clock offset [s]
 _CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences of the results
 
@@ -121,7 +121,7 @@ class CircleFit(NamedTuple):
         shown = self.normal[k, k] - self.normal[k, :k] @ across
         _, change = _residuals_and_derivatives(self.circle, noise_poses)
         noise = float(self.weights @ (change[:, :, k] ** 2).sum(axis=1))
-        certain = shown * MAX_CLOCK_OFFSET_STD**2 > self.noise**2
+        certain = shown * MAX_STD_OF_DETERMINED_CLOCK_OFFSET**2 > self.noise**2
         return self.has_converged and bool(shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * noise and certain)
 
 
@@ -164,11 +164,13 @@ def fit_circle(
             share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(relative_change, 1e-300))
             circle = circle.moved(share * step)
             least = 1e-15
-            if some.rates is not None:
+            if some.offset_derivatives is not None:
                 delay = float(step[_NUM_CIRCLE_PARAMETERS])
                 offset += share * delay
                 some = poses_at(offset, most)
-                least = _TIME_SHIFT_POSITION_ERROR_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
+                least = (
+                    _POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
+                )
             has_converged = bool(
                 step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_IN_STDS**2 * variance or relative_change < least
             )
@@ -183,7 +185,9 @@ def fit_circle(
         float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2], 1e-300
     )
     explained = (
-        1e-12 * np.abs(some.p).max() if some.rates is None else _TIME_SHIFT_POSITION_ERROR_TO_RADIUS * circle.radius
+        1e-12 * np.abs(some.p).max()
+        if some.offset_derivatives is None
+        else _POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS * circle.radius
     )
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
@@ -210,7 +214,7 @@ def fit_circle(
     widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
     if (
         widths[1] < _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]
-        and neighbour_correlations.max() <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        and neighbour_correlations.max() <= MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     ):
         text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
         findings = [Finding(text, False)]
@@ -225,7 +229,7 @@ def fit_circle(
         poses=some,
         has_converged=has_converged,
         offset=offset,
-        offset_std=0.0 if some.rates is None else float(np.sqrt(circle_covariance[-1, -1])),
+        offset_std=0.0 if some.offset_derivatives is None else float(np.sqrt(circle_covariance[-1, -1])),
         normal=normal,
     )
 
@@ -237,15 +241,19 @@ def circle_misfit(poses: RelativePoses) -> float:
     """
     circle = _circle_of_random_triples(poses.p.T, num_triples=60)
     for _ in range(6):
-        rest, change = _residuals_and_derivatives(circle, poses._replace(rates=None))
-        size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300
-        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_CIRCLE_LOSS_SCALE_IN_VARIANCES * size * size))
-        normal = np.einsum("n,nij,nik->jk", weights, change, change)
-        step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, change, rest))
+        distances, derivatives = _residuals_and_derivatives(circle, poses._replace(offset_derivatives=None))
+        median_distance = np.sqrt(np.median((distances * distances).sum(axis=1))) + 1e-300
+        weights = 1 / (
+            1
+            + (distances * distances).sum(axis=1)
+            / (_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES * median_distance * median_distance)
+        )
+        normal = np.einsum("n,nij,nik->jk", weights, derivatives, derivatives)
+        step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, derivatives, distances))
         share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(circle.relative_change(step), 1e-300))
         circle = circle.moved(share * step)
-    rest, _ = _residuals_and_derivatives(circle, poses)
-    return float(np.log(np.median((rest * rest).sum(axis=1)) + 1e-30 * poses.size**2))
+    distances, _ = _residuals_and_derivatives(circle, poses)
+    return float(np.log(np.median((distances * distances).sum(axis=1)) + 1e-30 * poses.size**2))
 
 
 def _variance_and_weights(
@@ -260,9 +268,9 @@ def _variance_and_weights(
     variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2]
     sizes = sample_weights * squares / max(variance, 1e-300)
     return variance, np.where(
-        sizes > _MIN_SQUARED_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES,
+        sizes > _MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES,
         0.0,
-        sample_weights * loss(sizes / _CIRCLE_LOSS_SCALE_IN_VARIANCES)[0],
+        sample_weights * loss(sizes / _LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES)[0],
     )
 
 
@@ -281,13 +289,13 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
     axes = frame(circle.n)
     x, y, z = ((poses.p.T - circle.centre) @ axes).T
     size = np.maximum(np.hypot(x, y), 1e-300)
-    change = np.zeros((x.size, 2, _NUM_CIRCLE_PARAMETERS + (poses.rates is not None)))
+    change = np.zeros((x.size, 2, _NUM_CIRCLE_PARAMETERS + (poses.offset_derivatives is not None)))
     # n turns towards x: n' = n + s x, so that z grows by s x and x falls by s z
     change[:, 0, 0], change[:, 0, 1], change[:, 0, 4] = x, y, -1.0
     change[:, 1, 0], change[:, 1, 1] = -z * x / size, -z * y / size
     change[:, 1, 2], change[:, 1, 3], change[:, 1, 5] = -x / size, -y / size, -1.0
-    if poses.rates is not None:
-        along_x, along_y, along_z = axes.T @ poses.rates[9:]
+    if poses.offset_derivatives is not None:
+        along_x, along_y, along_z = axes.T @ poses.offset_derivatives[9:]
         change[:, 0, _NUM_CIRCLE_PARAMETERS] = along_z
         change[:, 1, _NUM_CIRCLE_PARAMETERS] = (x * along_x + y * along_y) / size
     return np.stack((z, size - circle.radius), axis=-1), change
@@ -333,8 +341,8 @@ def _circle_findings(
 ) -> list[Finding]:
     """Return a list of Finding objects on a fitted circle: outliers, systematic residuals, a large standard deviation
     of the axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are the correlations
-    of residuals of neighbouring samples, out of the plane and in it. `is_outlier` marks samples, and `covariance` is
-    that of the hinge in the given gauge. Findings that make the hinge unreliable come first.
+    of residuals of neighbouring samples, out of the plane and in it. `is_outlier` marks samples, and `covariance`
+    (12, 12) is the covariance of the hinge in the given gauge. Findings that make the hinge unreliable come first.
     """
     findings = []
     if is_outlier.any():
@@ -358,7 +366,7 @@ def _circle_findings(
         strict=True,
     ):
         if (
-            correlation <= MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+            correlation <= MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
             or size <= max(1e-9, 0.25 * _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS) * circle.radius
         ):
             continue
@@ -369,12 +377,12 @@ def _circle_findings(
             findings.append(Finding(f"{play.format(size)}, {share}: the hinge is that of the mean circle.", True))
     std = np.sqrt(np.diagonal(covariance))
     worst, vague = float(np.sqrt((std[6:9] ** 2).sum() / 2)), float(std[:6].max())
-    if worst > MAX_AXIS_STD:
+    if worst > MAX_RELIABLE_AXIS_STD:
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the point turn further."
         findings.append(Finding(text, False))
     levers = circle.levers(gauge)
     reach = max(float(np.linalg.norm(lever)) for lever in levers)
-    if vague > MAX_POINT_STD_TO_LEVER_LENGTH * reach:
+    if vague > MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * reach:
         findings.append(
             Finding(f"The hinge point is known to {vague:.2g} m only: let the point turn further.", False)
         )

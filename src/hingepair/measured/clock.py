@@ -18,7 +18,7 @@ from hingepair.measured.likelihood import Loss, iterate_residuals
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
-from hingepair.measured.spline import MIN_PIECE_SAMPLES
+from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
@@ -28,8 +28,6 @@ from hingepair.rotations.matrices import rotation_exp, skew
 _MAX_SAMPLE_TIME_SHIFT_IN_MEDIAN_TIME_STEPS = 0.75
 _MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
 _MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL = 256  # samples that offsets are tried with
-_MAX_SCANNED_OFFSET = 0.5  # [s]
-_MAX_SCANNED_OFFSET_TO_DURATION = 0.25  # of the recording
 _OFFSET_SCAN_STEP_TO_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
@@ -60,7 +58,7 @@ class ClockedPoses:
     @staticmethod
     def has_enough_samples(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether body 2 has enough samples in a row to be smoothed."""
-        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_PIECE_SAMPLES))
+        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_SAMPLES_PER_SMOOTHED_PIECE))
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time at a clock
@@ -141,8 +139,8 @@ class ClockedPoses:
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
         dQ = -np.asarray(skew(omega1)) @ poses.Q.T.reshape(-1, 3, 3)
         return poses._replace(
-            rates=np.concatenate((dQ.reshape(-1, 9).T, -v1.T)),
-            told=None if samples.told is None else samples.told[:, body1_rows],
+            offset_derivatives=np.concatenate((dQ.reshape(-1, 9).T, -v1.T)),
+            relative_noise=None if samples.relative_noise is None else samples.relative_noise[:, body1_rows],
             encoder=None if samples.encoder is None else samples.encoder[body1_rows],
         )
 
@@ -171,8 +169,8 @@ class ClockedPoses:
         offset is clearly better. `misfit` is a function of RelativePoses that returns their negative log-likelihood
         per sample.
         """
-        length = float(self._t[-1] - self._t[0])
-        span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_OFFSET_TO_DURATION * length)
+        duration = float(self._t[-1] - self._t[0])
+        span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s
         count = int(
             np.clip(
                 np.ceil(span / max(_OFFSET_SCAN_STEP_TO_TIME_SCALE * self.time_scale, self._step / 2)),
@@ -182,7 +180,9 @@ class ClockedPoses:
         )
         offsets = np.linspace(-span, span, 2 * count + 1)
         trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL) for offset in offsets]
-        costs = np.array([np.inf if poses.samples < MIN_PIECE_SAMPLES else misfit(poses) for poses in trials])
+        costs = np.array(
+            [np.inf if poses.samples < MIN_SAMPLES_PER_SMOOTHED_PIECE else misfit(poses) for poses in trials]
+        )
         place = count
         while True:
             near = [k for k in (place - 1, place, place + 1) if 0 <= k < costs.size]

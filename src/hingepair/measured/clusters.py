@@ -16,7 +16,7 @@ _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, t
 _MIN_MARKERS_PER_SAMPLE = 3
 _MIN_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
 # Of the fits with and without a marker, from which the marker is said to have moved.
-_MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
+_MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
 _ROUNDING_DISTANCE_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
 
 
@@ -122,9 +122,9 @@ def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Arr
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
     """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows most
-    markers. `places` are the recorded positions (N, M, 3), and `is_seen` is 1 where a marker is seen, else 0. Markers
-    that this sample lacks are placed by other samples; raise FitError if no sample shows such a marker with three
-    placed ones.
+    markers. `places` are the recorded positions (N, M, 3), and `is_seen` is 1 where a marker is seen, else 0. Places
+    of markers that this sample lacks are taken from other samples. Raise FitError if no sample shows such a marker
+    together with three markers whose places are known.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -153,9 +153,9 @@ def _check_not_on_line(cluster: Float64Array) -> None:
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances that remain (N, M). The
-    positions of the markers are `places` (N, M, 3), their places on the body `cluster` (M, 3); `is_seen` (N, M) is 1
-    where a marker is seen, else 0.
+    """Return R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances (N, M) of the markers from
+    their places on the body. `places` are the recorded positions of the markers (N, M, 3), `cluster` (M, 3) their
+    places on the body; `is_seen` (N, M) is 1 where a marker is seen, else 0.
     """
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
@@ -173,9 +173,9 @@ def _kabsch_poses(
 def _fit_poses_and_places(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Fit the poses of the body to the marker positions `places` and, if `refine_places`, the markers' places on the
-    body too, in turns. `cluster` are the first places on the body, and `is_seen` is 1 where a marker is seen, else 0.
-    Return R, S, the distances of the markers from their places, and the places.
+    """Fit the poses of the body to the marker positions `places` and, if `refine_places`, alternately also the
+    markers' places on the body. `cluster` are the first places on the body, and `is_seen` is 1 where a marker is
+    seen, else 0. Return a tuple: R, S, the distances of the markers from their places, and the places.
     """
     axes = None
     before = np.inf
@@ -204,8 +204,8 @@ def _moved_marker_sentences(
 ) -> list[str]:
     """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
     one moved; empty if the cluster is rigid. `places` are the marker positions, `is_seen` is 1 where a marker is
-    seen, `distances` (N, M) are those from the places on the body, and `cluster_size` is the rms size of the cluster
-    [m].
+    seen, `distances` (N, M) are the distances of the markers from their places on the body, and `cluster_size` is the
+    rms size of the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:
@@ -224,7 +224,7 @@ def _moved_marker_sentences(
     free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - 3 * cluster.shape[0] + 6
     noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
     best = int(np.argmin(noise_without))
-    if noise_with_all < _MIN_NOISE_WITH_TO_WITHOUT_MOVED_MARKER * max(
+    if noise_with_all < _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER * max(
         noise_without[best], _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size
     ):
         return []

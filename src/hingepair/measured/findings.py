@@ -28,7 +28,7 @@ _MAX_THINNED_SAMPLES_FOR_FINDINGS = 65536  # samples that findings are made of
 # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes.
 _MIN_TURNING_ATTITUDE_SCATTER = 0.05
 _MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS = 2.0  # of relative attitudes; counts where both scatters are small
-MAX_NEIGHBOUR_RESIDUAL_CORRELATION = 0.5  # of neighbouring samples; above, residuals are not noise
+MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS = 0.5  # of neighbouring samples; above, residuals are not noise
 # Of r^T C^-1 r, scaled so that its median is that of noise, from which a sample is an outlier.
 MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL = 50.0
 _MAX_THINNED_SAMPLES_PER_MISTAKE_TRIAL = 400  # samples that mistakes are tried with
@@ -37,9 +37,9 @@ _MAX_HINGE_MISFIT_OF_CORRECTED_TO_RECORDED_POSES = 0.2
 _MAX_HINGE_MISFIT_OF_CORRECTED_POSES = 0.1
 """`BodyPoses.misfit` after the correction of a probable mistake."""
 # Motion of the hinge point that is not random: a hinge is still reported below this.
-_MAX_PLAY_TO_LEVER_LENGTH = 0.02
-MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
-MAX_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
+_MAX_HINGE_POINT_PLAY_TO_LEVER_LENGTH = 0.02
+MAX_RELIABLE_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
+MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
 
 
 class Finding(NamedTuple):
@@ -96,7 +96,10 @@ def judge_hinge(
     """
     every = slice(None, None, -(-poses.samples // _MAX_THINNED_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
-        **{name: getattr(residuals, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
+        **{
+            name: getattr(residuals, name)[..., every]
+            for name in ("tilt", "gap", "psi", "whitened_squares", "weights")
+        }
     )
     poses, is_outlier = poses.thinned(_MAX_THINNED_SAMPLES_FOR_FINDINGS), is_outlier[every]
     turning = _angle_scatter(residuals.psi, residuals.weights / residuals.weights.sum())
@@ -109,11 +112,11 @@ def judge_hinge(
         return [*outliers, *axis_findings]
     listed = [*outliers, *axis_findings, *_point_findings(poses, noise, residuals, lever_length)]
     worst = float(np.sqrt((std["n"] ** 2).sum() / 2))
-    if worst > MAX_AXIS_STD:
+    if worst > MAX_RELIABLE_AXIS_STD:
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the bodies turn further, or longer."
         listed.append(Finding(text, False))
     vague = max(float(std["u1"].max()), float(std["u2"].max()))
-    if vague > MAX_POINT_STD_TO_LEVER_LENGTH * lever_length:
+    if vague > MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * lever_length:
         listed.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
     if not has_converged:
         listed.append(Finding("The steps of the fit did not come to rest.", False))
@@ -128,13 +131,13 @@ def judge_hinge(
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
     """Return a boolean array (N,) that marks outliers, samples of the relative poses whose residuals are far larger
-    than those of most samples. No sample is marked if residuals of neighbouring samples are correlated, or if
+    than the residuals of most samples. No sample is marked if residuals of neighbouring samples are correlated, or if
     rounding explains the large residuals.
     """
     is_outlier = _scaled_whitened_squares(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
         not is_outlier.any()
-        or max(residuals.neighbour_correlations) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        or max(residuals.neighbour_correlations) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
         or _residuals_are_rounding(residuals, poses, is_outlier)
     ):
         return np.zeros_like(is_outlier)
@@ -142,10 +145,12 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
 
 
 def _scaled_whitened_squares(residuals: HingeResiduals) -> Float64Array:
-    """Return the whitened squared residual of each sample (N,), scaled so that the median is that of noise with 5
-    degrees of freedom.
+    """Return the whitened squared residual of each sample (N,), scaled so that their median is the median of
+    chi-squared with 5 degrees of freedom.
     """
-    return residuals.sizes / max(float(np.median(residuals.sizes)), 1e-300) * CHI2_MEDIAN_BY_DOF[5]
+    return (
+        residuals.whitened_squares / max(float(np.median(residuals.whitened_squares)), 1e-300) * CHI2_MEDIAN_BY_DOF[5]
+    )
 
 
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
@@ -165,19 +170,19 @@ def _outlier_findings(
     share = f"{100 * is_outlier.mean():.2g} % of the samples are outliers"
     if float(residuals.weights[is_outlier].sum()) < 0.5 * is_outlier.sum() * poses.weights.mean():
         return [Finding(f"{share}; they count little.", True)]
-    harmless = bool(residuals.sizes[is_outlier].sum() < residuals.sizes[~is_outlier].sum())
+    harmless = bool(residuals.whitened_squares[is_outlier].sum() < residuals.whitened_squares[~is_outlier].sum())
     return [Finding(f'{share}, and count like the others: loss="cauchy" makes them count little.', harmless)]
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a list with one Finding on the tilt between the hinge axes of both bodies, which says what joint the
-    motion shows if it is no hinge. The list is empty if the tilt is small. `turning` is the rms scatter of the hinge
-    angle [rad].
+    """Return a list with at most one Finding, on the tilt between the hinge axes of both bodies, which says what
+    joint the motion shows if it is no hinge. The list is empty if the tilt is small. `turning` is the rms scatter of
+    the hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    is_systematic = residuals.neighbour_correlations[0] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    is_systematic = residuals.neighbour_correlations[0] > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
     if not is_systematic and tilt < 0.2:
@@ -226,16 +231,16 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with one Finding on the motion of the hinge point in the bodies, such as that of a sliding hinge
-    or of small play. The list is empty if the point stays fixed in both bodies. `lever_length` [m] is the length with
-    which the motion is compared.
+    """Return a list with at most one Finding, on the motion of the hinge point in the bodies, such as sliding along
+    the axis or small play. The list is empty if the point stays fixed in both bodies. `lever_length` [m] is the
+    length with which the motion is compared.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    is_systematic = residuals.neighbour_correlations[1] > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+    is_systematic = residuals.neighbour_correlations[1] > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     if size < max(1e-9 * poses.size, 0.005 * lever_length) or not (is_systematic or size > 0.1 * lever_length):
         return []
     if along > 9 * across:
@@ -260,7 +265,7 @@ def _point_findings(
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large beside the levers."
         return [Finding(text, False)]
-    if size >= _MAX_PLAY_TO_LEVER_LENGTH * lever_length:
+    if size >= _MAX_HINGE_POINT_PLAY_TO_LEVER_LENGTH * lever_length:
         return [Finding(kind.no_hinge.format(size=kind.size), False)]
     share = f"{100 * kind.size / lever_length:.2g} % of the levers, and not at random"
     return [Finding(f"{kind.play.format(size=kind.size)}, {share}: u1 and u2 name its mean place.", True)]

@@ -60,7 +60,7 @@ class Hinge(NamedTuple):
 
     def moved(self, step: Float64Array) -> Hinge:
         """Return the hinge after a step of the nine parameters of the fit: rotations of n (2) and of m (2) [rad]
-        about directions across each axis, the shift of u1 (3), and that of u2 across m (2) [m].
+        about directions across each axis, the shift of u1 (3), and the shift of u2 across m (2) [m].
 
         Shifts along the axis count once, since only u1 - u2 is seen along it.
         """
@@ -163,8 +163,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to that of m in body 2, at psi = 0.
-    `home` is the rotation matrix of body 2 relative to body 1 there.
+    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to the `frame` of m in body 2, at
+    psi = 0. `home` is the rotation matrix of body 2 relative to body 1 there.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

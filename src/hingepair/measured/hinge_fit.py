@@ -42,7 +42,7 @@ from hingepair.measured.likelihood import (
 )
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.samples import Samples, checked_samples
-from hingepair.measured.spline import MIN_PIECE_SAMPLES
+from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_RESIDUAL_REPORT_LIMIT_TO_RMS = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
+_RESIDUAL_TOLERANCE_TO_RMS = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
 _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
 # Samples for the start in closed form, and for the check that the motion determines the clock offset.
 _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM = 65536
@@ -161,7 +161,7 @@ class HingeFit(Shown):
         tolerances are the defaults of `HingePair.residuals`, which allow for rounding errors only.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: _RESIDUAL_REPORT_LIMIT_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
         allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
@@ -455,10 +455,10 @@ def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
     """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the point
-    moves; return a HingeFit. `samples` holds the checked recordings; the other parameters are those of `fit`. Raise
-    ArgumentError if an encoder or noise is given, and FitError if the samples show no circle.
+    moves; return a HingeFit. `samples` holds the checked recordings; the other parameters are arguments of `fit`.
+    Raise ArgumentError if an encoder or noise is given, and FitError if the samples show no circle.
     """
-    for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
+    for name, value in (("encoder", samples.encoder), ("noise1", samples.relative_noise)):
         if value is not None:
             raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
     fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss], gauge, clock_offset)
@@ -525,7 +525,7 @@ def _fit_circle_of_point(
         there = _poses_at_known_offset(clock, clock_offset)
         return fit_circle(there, loss, gauge)._replace(offset=clock_offset), clock
     poses = samples.poses(samples.known1 & samples.known2)
-    if clock is not None and poses.samples >= MIN_PIECE_SAMPLES:
+    if clock is not None and poses.samples >= MIN_SAMPLES_PER_SMOOTHED_PIECE:
         fitted = fit_circle(poses, loss, gauge, clock.poses_at, clock.most_likely_offset(circle_misfit))
         if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
             return fitted, clock
@@ -542,7 +542,8 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
     if ClockedPoses.has_enough_samples(samples.t, samples.known2):
         return ClockedPoses(samples, loss)
     if clock_offset is not None:
-        expected = f"0, or a body 2 with at least {MIN_PIECE_SAMPLES} samples without a gap, to be moved in time"
+        samples_text = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} samples without a gap"
+        expected = f"0, or a body 2 with {samples_text}, to be moved in time"
         raise ArgumentError("clock_offset", expected, clock_offset)
     return None
 
@@ -552,7 +553,7 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
     the offset, since it is not estimated. `clock` are ClockedPoses. Raise ArgumentError if fewer than two samples
     overlap.
     """
-    there = clock.poses_at(clock_offset)._replace(rates=None)
+    there = clock.poses_at(clock_offset)._replace(offset_derivatives=None)
     if there.samples < 2:
         raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
     return there
@@ -585,7 +586,7 @@ def _estimate_hinge(
         poses, used = clock.poses_at(estimate.offset), np.zeros_like(used)
         used[clock.body1_rows(estimate.offset)] = True
         if clock_offset is not None:
-            poses = poses._replace(rates=None)
+            poses = poses._replace(offset_derivatives=None)
     return estimate, clock, poses, used
 
 
@@ -623,19 +624,19 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
     derivatives with respect to the offset. Otherwise return 0 if `clock_offset`, the offset that the user gave, is
     not None, and inf if it is None.
     """
-    if poses.rates is None:
+    if poses.offset_derivatives is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
     return np.float64(np.sqrt(residuals.covariance[NUM_HINGE_PARAMETERS, NUM_HINGE_PARAMETERS]))
 
 
 def _encoder_fit(
-    line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
+    encoder_line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
     """Return an EncoderFit, zero, scale and noise of the encoder with standard deviations, from the fitted
-    EncoderLine `line`, the relative poses, the covariance in `residuals` and the Noise `noise`. The zero is counted
-    from psi = 0 of the fitted hinge.
+    EncoderLine `encoder_line`, the relative poses, the covariance in `residuals` and the Noise `noise`. The zero is
+    counted from psi = 0 of the fitted hinge.
     """
-    off = line.zero - home_angle(hinge, home_of(hinge))
+    off = encoder_line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
     by_hinge = _encoder_zero_derivatives(poses, hinge)
     indices = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
@@ -643,7 +644,7 @@ def _encoder_fit(
     variance = change @ residuals.covariance[np.ix_(indices, indices)] @ change
     return EncoderFit(
         zero=float(off),
-        scale=line.slope,
+        scale=encoder_line.slope,
         noise=float(np.sqrt(noise.encoder)),
         std={
             "zero": np.float64(np.sqrt(max(variance, 0.0))),

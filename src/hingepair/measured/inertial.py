@@ -22,10 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import MAX_NEIGHBOUR_RESIDUAL_CORRELATION, MAX_POINT_STD_TO_LEVER_LENGTH
+from hingepair.measured.findings import (
+    MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
+    MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH,
+)
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import num_neighbours_to_sum
-from hingepair.measured.spline import MIN_PIECE_SAMPLES, smooth_columns
+from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
 from hingepair.numeric.suspicions import accelerometer_suspicions, gyroscope_suspicions
@@ -37,8 +40,8 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 
 _MAX_THINNED_SAMPLES_PER_START_TRIAL = 400  # samples that starts are tried with
 _NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
-_ROUNDING_RESIDUAL_TO_READING_SIZE = 1e-13  # residuals that rounding explains
-_MAX_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
+_MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM = 1e-13  # residuals that rounding explains
+_MAX_RELIABLE_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
 _MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
 _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
@@ -47,7 +50,7 @@ _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
 """Residuals that are not noise, over the difference between the sizes of both forces: the point is still reliable
 below this."""
 _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
-_MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM = 1e-10  # from which a direction is not rounding
+_MIN_NORMAL_MATRIX_EIGENVALUE_TO_MATRIX_NORM = 1e-10  # from which a direction is not rounding
 _MIN_AXIS_SIGNAL_TO_NOISE = 10.0
 """Size of the normal matrix over what noise adds to it, from which a direction of the axes is shown. What noise adds
 is more than the variance of the rates says where rates across an axis are small."""
@@ -155,10 +158,10 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     omega1, omega2 = _checked_vectors({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
-    if known.sum() < MIN_PIECE_SAMPLES or size == 0:
+    if known.sum() < MIN_SAMPLES_PER_SMOOTHED_PIECE or size == 0:
         raise FitError(
             "omega1_b1, omega2_b2",
-            f"at least {MIN_PIECE_SAMPLES} finite samples of bodies that turn",
+            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples of bodies that turn",
             int(known.sum()),
         )
     w1, w2 = omega1[known], omega2[known]
@@ -170,7 +173,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and residuals @ residuals > (_ROUNDING_RESIDUAL_TO_READING_SIZE * size) ** 2:
+    if bias > 0 and residuals @ residuals > (_MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM * size) ** 2:
         for _ in range(_NUM_BIAS_FIT_ROUNDS):
             prior = np.full(6, np.sqrt(residuals @ residuals / residuals.size) / bias)
             unknowns, all_residuals = _levenberg_marquardt(
@@ -202,12 +205,12 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if np.isfinite(s)
         else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
         for i, s in enumerate(std, start=1)
-        if s > _MAX_INERTIAL_AXIS_STD
+        if s > _MAX_RELIABLE_INERTIAL_AXIS_STD
     ]
     rms_rate = size / np.sqrt(2 * w1.shape[0])
     if (
         rms > _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * rms_rate
-        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     ):
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
@@ -288,10 +291,12 @@ def fit_anchor(
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE_SAMPLES)
+    pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_SAMPLES_PER_SMOOTHED_PIECE)
     if not pieces:
         raise FitError(
-            ", ".join(named_vectors), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+            ", ".join(named_vectors),
+            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap",
+            int(known.sum()),
         )
     used = np.concatenate(pieces)
     smooth = [smooth_columns(time, omega, pieces, None) for omega in (omega1, omega2)]
@@ -366,14 +371,14 @@ def _point_sentences(
     specific forces (N, 3).
     """
     findings = []
-    if not std <= MAX_POINT_STD_TO_LEVER_LENGTH * lever_length:
+    if not std <= MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
         rms > _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE * np.sqrt(np.mean(apart**2))
-        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_RESIDUAL_CORRELATION
+        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     ):
         findings.append(
             f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
@@ -440,7 +445,7 @@ def _point_and_biases(
         starts,
     )
     unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if bias_stds.any() and residuals @ residuals > _ROUNDING_RESIDUAL_TO_READING_SIZE**2 * sum(
+    if bias_stds.any() and residuals @ residuals > _MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM**2 * sum(
         float((force * force).sum()) for force in forces
     ):
         for _ in range(_NUM_BIAS_FIT_ROUNDS):
@@ -524,8 +529,8 @@ def _force_residual_function(
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals at the unknowns x, those of the samples and then those of the priors, and their
-        derivatives with respect to the unknowns.
+        """Return a pair at the unknowns x: the residuals of the samples and then of the priors, and their derivatives
+        with respect to the unknowns.
         """
         biases = np.zeros(12) if prior is None else x[6:]
         felt, by_lever, by_bias, by_rate = [], [], [], []
@@ -555,8 +560,8 @@ def _force_residual_function(
 
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
-    """Return a list of pairs (n1, n2) of axes, shape (2, 3) each, from which fits start: those of linear least
-    squares in n n^T, the principal axes of the angular velocities, and random ones. `w1` and `w2` are angular
+    """Return a list of pairs (n1, n2) of axes, shape (2, 3) each, from which fits start: the solution of linear least
+    squares in n n^T, the principal axes of the angular velocities, and random axes. `w1` and `w2` are angular
     velocities (N, 3).
     """
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
@@ -579,8 +584,8 @@ def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Ar
     """
 
     def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return the residuals at the unknowns x, those of the samples and then those of the priors, and their
-        derivatives with respect to the unknowns.
+        """Return a pair at the unknowns x: the residuals of the samples and then of the priors, and their derivatives
+        with respect to the unknowns.
         """
         axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
         frames = [frame(n) for n in axes]
@@ -707,7 +712,7 @@ def _covariance(
     """
     normal = derivatives.T @ derivatives + prior_rows.T @ prior_rows
     values, axes = np.linalg.eigh(normal - min_signal * noise)
-    blind = values <= _MIN_NORMAL_MATRIX_EIGENVALUE_TO_NORM * np.linalg.norm(normal)
+    blind = values <= _MIN_NORMAL_MATRIX_EIGENVALUE_TO_MATRIX_NORM * np.linalg.norm(normal)
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
     scores = (derivatives * residuals[:, None]).T

@@ -18,15 +18,16 @@ from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge, frame, home_angle, home_of
 from hingepair.measured.inertial import acceleration_matrices, checked_recording
 from hingepair.measured.likelihood import num_neighbours_to_sum
-from hingepair.measured.spline import MIN_PIECE_SAMPLES, inverse_bands, smooth_columns
+from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
-_NUM_SMOOTHER_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
-_MIN_VECTOR_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
-_MAX_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
-_DIRECTION_LOSS_SCALE_IN_VARIANCES = 4.0  # of squared residuals, above which a direction counts less
+_NUM_ANGLE_SMOOTHING_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
+_MIN_VECTOR_LENGTH_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
+_MAX_RELIABLE_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
+# Above, a direction counts less.
+_LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_VARIANCES = 4.0
 _MAX_DIRECTION_SCATTER_TO_NOISE = 3.0  # of directions about the most likely angle
 _MIN_DIRECTION_NOISE_STD = 1e-9  # [rad]
 _MIN_RATE_BIAS_STD = 1e-9  # [rad/s]
@@ -128,10 +129,12 @@ def fit_angle(
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
     longest = checked_gaps(gaps)
-    where = split_at_gaps(time, known, longest, MIN_PIECE_SAMPLES)
+    where = split_at_gaps(time, known, longest, MIN_SAMPLES_PER_SMOOTHED_PIECE)
     if not where:
         raise FitError(
-            ", ".join(named_vectors), f"at least {MIN_PIECE_SAMPLES} finite samples without a gap", int(known.sum())
+            ", ".join(named_vectors),
+            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap",
+            int(known.sum()),
         )
     used = np.concatenate(where)
     seen = []
@@ -151,7 +154,7 @@ def fit_angle(
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
-    if worst > _MAX_HINGE_ANGLE_STD:
+    if worst > _MAX_RELIABLE_HINGE_ANGLE_STD:
         findings.append(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
@@ -187,15 +190,18 @@ class _AngleEstimate(NamedTuple):
     excess: float  # scatter of the directions, in parts of what their noise explains
 
 
-def _angles_between(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
-    """Return ((angles, variances), noise). The angles (N,) [rad] are those about the axis between a vector in body 1
-    (`first`, (N, 3), in the axes of `frame`) and the same vector in body 2 (`second`). Their variances (N,) are inf
-    if the vector is too short. `noise` is the standard deviation of the difference between both sensors' readings.
+def _angles_between(
+    vectors1: Float64Array, vectors2: Float64Array
+) -> tuple[tuple[Float64Array, Float64Array], float]:
+    """Return ((angles, variances), noise). The angles (N,) [rad] are measured about the axis between a vector in body
+    1 (`vectors1`, (N, 3), in the axes of `frame`) and the same vector in body 2 (`vectors2`). Their variances (N,)
+    are inf if the vector is too short. `noise` is the standard deviation of the difference between both sensors'
+    readings.
     """
-    a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
+    a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (vectors1, vectors2))
     sizes = np.abs(a), np.abs(b)
     noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), 1e-9)
-    least = max(_MIN_VECTOR_ACROSS_AXIS_TO_LARGEST * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    least = max(_MIN_VECTOR_LENGTH_ACROSS_AXIS_TO_LARGEST * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
     variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
@@ -213,8 +219,8 @@ def _most_likely_angle(
 ) -> _AngleEstimate:
     """Fit the hinge angle to its measured rates (N,), which have a constant bias, and to k measured angles (k, N),
     known up to multiples of 2 pi; return an _AngleEstimate. `rate_noise` and `bias_std` are the standard deviations
-    of a rate and of the bias [rad/s], `variances` (k, N) those of the angles, inf if there is none. `piece_starts`
-    are the indices of samples after gaps.
+    of a rate and of the bias [rad/s], `variances` (k, N) are the variances of the measured angles, inf for a missing
+    angle. `piece_starts` are the indices of samples after gaps.
     """
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
@@ -223,16 +229,16 @@ def _most_likely_angle(
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
-    for _ in range(_NUM_SMOOTHER_ROUNDS):
+    for _ in range(_NUM_ANGLE_SMOOTHING_ROUNDS):
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
-        weights = precision / (1 + off**2 / _DIRECTION_LOSS_SCALE_IN_VARIANCES)
+        weights = precision / (1 + off**2 / _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_VARIANCES)
         psi, _, _ = _solve_smoother(dt, steps_of_angle, step_weights, weights, near, bias_std)
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
     excess, memory = 0.0, 1.0
     for row in rows:
-        if row.size > MIN_PIECE_SAMPLES:
+        if row.size > MIN_SAMPLES_PER_SMOOTHED_PIECE:
             together = num_neighbours_to_sum(row[None])[0]
             sums = np.add.reduceat(row, np.arange(0, row.size, together))
             excess = max(excess, float(np.sqrt(np.mean(row * row))))

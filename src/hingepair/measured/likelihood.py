@@ -35,13 +35,12 @@ from hingepair.rotations.matrices import rotation_exp
 NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
 _MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES = 4096  # samples that the variance components are estimated from
-_MAX_FISHER_SCORING_STEPS = 25  # of the variance components
 # Least noise of positions, or of the encoder, to the mean squared residual.
 _MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL = 1e-3
 # [rad/s]: converts a step of the clock offset to a rotation, to judge the length of the step.
 _NOMINAL_RELATIVE_ROTATION_RATE = 5.0
-_MEDIAN_VARIANCE_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
-_SAMPLES_PER_BLOCK = 2048  # samples, that fit the caches
+_EFFICIENCY_OF_VARIANCES_BY_MEDIANS = 0.37  # beside variances by squares
+_NUM_SAMPLES_PER_RESIDUAL_BLOCK = 2048  # samples, that fit the caches
 MAX_THINNED_SAMPLES_FOR_FIRST_STEPS = 16384  # samples that the first steps are taken with
 # About so many samples, in stretches of blocks, give the covariance.
 _NOMINAL_NUM_COVARIANCE_SAMPLES = 131072
@@ -56,8 +55,8 @@ MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT = 100  # samples of poses that tell by ho
 _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
 # Of what noise adds to the normal matrix, from which the clock offset is shown.
 MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0
-MAX_CLOCK_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
-_MAX_OPPOSITE_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
+MAX_STD_OF_DETERMINED_CLOCK_OFFSET = 0.1  # [s]: an offset that is known less well is not shown
+_MAX_COSINE_OF_OPPOSITE_HINGE_AXES = -0.999999  # cosine of axes below which they point against each other
 _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
 _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE = 100.0
@@ -90,7 +89,7 @@ class Noise(NamedTuple):
 
 class EncoderLine(NamedTuple):
     """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle is
-    counted from the `frame` of n in body 1 to that of m in body 2.
+    counted from the `frame` of n in body 1 to the `frame` of m in body 2.
     """
 
     zero: float  # [rad]
@@ -100,7 +99,7 @@ class EncoderLine(NamedTuple):
 class SampleResiduals(NamedTuple):
     """Residuals of the hinge constraints E1 and E2 (`tilt`, `gap`) and of the encoder (`turn`) at a block of samples,
     in axes along the hinge, with the relative poses (`q`, `p`), levers and noise from which their covariance is
-    computed, and derivatives with respect to the clock offset (`delayed`).
+    computed, and derivatives with respect to the clock offset (`offset_derivatives`).
     """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -108,8 +107,8 @@ class SampleResiduals(NamedTuple):
     arms: Float64Array  # S1 u1 + S2 u2 [m]; shape (3, M)
     tilt: Float64Array  # of Q m - n the direction, its length the chord; shape (2, M)
     gap: Float64Array  # of E1, half of the tilt's share taken out [m]; shape (3, M)
-    delayed: Float64Array | None = None  # derivatives of tilt, gap and psi by the clock offset; shape (6, M)
-    told: Float64Array | None = None  # what is told of the noise; shape (3, M)
+    offset_derivatives: Float64Array | None = None  # of tilt, gap and psi, by the clock offset; shape (6, M)
+    relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, M)
     reading: Float64Array | None = None  # of the encoder, NaN where none; shape (M,)
     turn: Float64Array | None = None  # psi less what the encoder says, 0 where it says nothing [rad]; shape (M,)
     slope: float = 1.0  # of the encoder's line
@@ -126,9 +125,9 @@ class SampleResiduals(NamedTuple):
         [rad^2], and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if samples
         have noise of their own.
         """
-        if self.told is None:
+        if self.relative_noise is None:
             return noise.place, noise.attitude, 0.5
-        return noise.place * self.told[0], noise.attitude * self.told[1], self.told[2]
+        return noise.place * self.relative_noise[0], noise.attitude * self.relative_noise[1], self.relative_noise[2]
 
     @property
     def gap_variance_by_attitude(self) -> Float64Array:
@@ -170,7 +169,7 @@ class SampleResiduals(NamedTuple):
         rows[:, 4] = (gaps[:, 2] - l3 * rows[:, 2] - m3 * rows[:, 3]) / n3
         return rows
 
-    def sizes(self, noise: Noise) -> Float64Array:
+    def whitened_squares(self, noise: Noise) -> Float64Array:
         """Return the whitened squared residuals r^T C^-1 r (M,): about 5 on average if the noise is right, 6 with
         an encoder.
         """
@@ -183,7 +182,7 @@ class SampleResiduals(NamedTuple):
         estimated, the clock offset and two of the encoder. `noise` are the variances by which residuals are whitened.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
-        parameters = NUM_HINGE_PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
+        parameters = NUM_HINGE_PARAMETERS + (self.offset_derivatives is not None) + (0 if self.turn is None else 2)
         tilts, gaps = np.zeros((parameters + 1, 2, count)), np.zeros((parameters + 1, 3, count))
         turns = None if self.turn is None else np.zeros((parameters + 1, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
@@ -194,16 +193,19 @@ class SampleResiduals(NamedTuple):
         for k in range(3):
             gaps[4 + k, k] = 1.0
         gaps[7], gaps[8], gaps[-1] = -q[0::3], -q[1::3], self.gap
-        if self.delayed is not None:
-            tilts[NUM_HINGE_PARAMETERS], gaps[NUM_HINGE_PARAMETERS] = self.delayed[:2], self.delayed[2:5]
+        if self.offset_derivatives is not None:
+            tilts[NUM_HINGE_PARAMETERS], gaps[NUM_HINGE_PARAMETERS] = (
+                self.offset_derivatives[:2],
+                self.offset_derivatives[2:5],
+            )
         if turns is not None and self.reading is not None and self.turn is not None:
             read = np.isfinite(self.reading)
             # the reading without noise, as psi and the encoder have it together: else its noise makes the slope small
             _, attitude, _ = self.variances(noise)
             likeliest = self.reading + noise.encoder / (attitude + noise.encoder) * self.turn / self.slope
             turns[-3], turns[-2], turns[-1] = np.where(read, -1.0, 0.0), np.where(read, -likeliest, 0.0), self.turn
-            if self.delayed is not None:
-                turns[NUM_HINGE_PARAMETERS] = np.where(read, self.delayed[5], 0.0)
+            if self.offset_derivatives is not None:
+                turns[NUM_HINGE_PARAMETERS] = np.where(read, self.offset_derivatives[5], 0.0)
         return self.whiten(noise, tilts, gaps, turns)
 
 
@@ -224,16 +226,16 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 
 class HingeResiduals(NamedTuple):
-    """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`sizes`), weights and hinge angles of all
-    samples for a given hinge, the correlations of neighbouring residuals (`neighbour_correlations`), the number of
-    samples over which residuals are still correlated (`unresolved_lag`), and the covariance of the hinge's
+    """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`whitened_squares`), weights and hinge angles of
+    all samples for a given hinge, the correlations of neighbouring residuals (`neighbour_correlations`), the number
+    of samples over which residuals are still correlated (`unresolved_lag`), and the covariance of the hinge's
     parameters.
     """
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
     psi: Float64Array  # angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,)
-    sizes: Float64Array  # r^T C^-1 r; shape (N,)
+    whitened_squares: Float64Array  # r^T C^-1 r; shape (N,)
     weights: Float64Array  # given, times those of the loss; shape (N,)
     neighbour_correlations: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
@@ -263,7 +265,7 @@ def most_likely_hinge(
         for _ in range(_MAX_GAUSS_NEWTON_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -solve_semidefinite(normal, gradient)
-            delay = float(step[NUM_HINGE_PARAMETERS]) if some.rates is not None else 0.0
+            delay = float(step[NUM_HINGE_PARAMETERS]) if some.offset_derivatives is not None else 0.0
             rotation = max(float(np.abs(step[:4]).max()), _NOMINAL_RELATIVE_ROTATION_RATE * abs(delay))
             if rotation > _MAX_ROTATION_PER_GAUSS_NEWTON_STEP:
                 step *= _MAX_ROTATION_PER_GAUSS_NEWTON_STEP / rotation
@@ -275,7 +277,7 @@ def most_likely_hinge(
                     + frame_turn_angle(some.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT), before, hinge)
                 )
                 line = EncoderLine(zero, line.slope + float(step[-1]))
-            if some.rates is not None:
+            if some.offset_derivatives is not None:
                 offset += float(step[NUM_HINGE_PARAMETERS])
                 some = poses_at(offset, most)
             noise = _estimate_noise(some.thinned(MAX_THINNED_SAMPLES_FOR_FIRST_STEPS), hinge, noise, loss, line)
@@ -345,22 +347,25 @@ def _encoder_line_of_slope(
     return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
 
 
-def _encoder_residual(psi: Float64Array, reading: Float64Array, line: EncoderLine) -> Float64Array:
+def _encoder_residual(psi: Float64Array, reading: Float64Array, encoder_line: EncoderLine) -> Float64Array:
     """Return psi minus the angle that the encoder's line gives for the readings [rad], within half a turn; 0 if the
     encoder has no reading.
     """
-    off = np.nan_to_num(psi - line.zero - line.slope * reading)
+    off = np.nan_to_num(psi - encoder_line.zero - encoder_line.slope * reading)
     return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
 
 
-def attitude_noise_share(poses: RelativePoses, noise: Noise, line: EncoderLine | None) -> Float64Array | float:
+def attitude_noise_share(
+    poses: RelativePoses, noise: Noise, encoder_line: EncoderLine | None
+) -> Float64Array | float:
     """Return the fraction (N,) of the difference between psi and the encoder's angle that is due to noise of the
     attitudes, the variance of the attitude divided by the sum of both variances. psi is to be corrected by this
-    fraction of the difference. Return the number 0 if `line`, the EncoderLine, is None or `poses` have no readings.
+    fraction of the difference. Return the number 0 if `encoder_line`, the EncoderLine, is None or `poses` have no
+    readings.
     """
-    if line is None or poses.encoder is None:
+    if encoder_line is None or poses.encoder is None:
         return 0.0
-    attitude = noise.attitude * (1.0 if poses.told is None else poses.told[1])
+    attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
     return np.asarray(attitude / (attitude + noise.encoder) + 0 * poses.weights)
 
 
@@ -375,7 +380,7 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
         np.diagonal(covariance)
         * thin.samples
         / poses.samples
-        / (1.0 if loss is None else _MEDIAN_VARIANCE_EFFICIENCY)
+        / (1.0 if loss is None else _EFFICIENCY_OF_VARIANCES_BY_MEDIANS)
     )
     std = np.sqrt(variances) / (2 * np.sqrt(np.array(noise[:2])))
     return dict(zip(("noise_position", "noise_angle"), std, strict=True))
@@ -383,9 +388,9 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
     """Return whether the motion determines the clock offset as well as all other parameters. `poses` have derivatives
-    with respect to the offset, and those of `noise_poses` are noise alone: the former must inform far more on the
-    offset than the latter. `estimate` is the Estimate of the hinge; `loss` gives the derivatives of the loss, None
-    means least squares.
+    with respect to the offset; the derivatives of `noise_poses` are noise alone, and must inform far less on the
+    offset. `estimate` is the Estimate of the hinge; `loss` gives the derivatives of the loss, None means least
+    squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
@@ -397,7 +402,8 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     shown = normals[0][k, k] - normals[0][k, others] @ across
     share = poses.weights.sum() / max(poses.samples, 1)
     return bool(
-        shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * normals[1][k, k] and shown * share * MAX_CLOCK_OFFSET_STD**2 > 1
+        shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * normals[1][k, k]
+        and shown * share * MAX_STD_OF_DETERMINED_CLOCK_OFFSET**2 > 1
     )
 
 
@@ -438,11 +444,11 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
 
 
 def evaluate_hinge(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
 ) -> HingeResiduals:
     """Return the HingeResiduals of a Hinge for relative poses: the residuals and weights of every sample, and the
     covariance of the hinge's parameters. `noise` are the variances of the poses; `loss` gives the derivatives of the
-    loss of a sample, or is None for least squares; `line` is the EncoderLine or None.
+    loss of a sample, or is None for least squares; `encoder_line` is the EncoderLine or None.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -455,7 +461,7 @@ def evaluate_hinge(
     slope: Float64Array = np.zeros(())
     score_blocks, whitened_blocks = [], []
     every = max(1, count // _NOMINAL_NUM_COVARIANCE_SAMPLES)
-    for k, (block, seen) in enumerate(iterate_residuals(poses, hinge, line)):
+    for k, (block, seen) in enumerate(iterate_residuals(poses, hinge, encoder_line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[block] = np.arctan2(np.hypot(q[2], q[5]), q[8])
         gap[:2, block] = seen.gap[:2] - 0.5 * z * seen.tilt
@@ -465,7 +471,7 @@ def evaluate_hinge(
             turn[block] = seen.turn
         sample_weights = poses.weights[block]
         if (k // 16) % every:  # outside of the stretches of 16 blocks that give the covariance
-            sizes[block] = seen.sizes(noise)
+            sizes[block] = seen.whitened_squares(noise)
             weights[block] = (
                 sample_weights
                 if loss is None
@@ -527,54 +533,60 @@ def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
 
 
 def iterate_residuals(
-    poses: RelativePoses, hinge: Hinge, line: EncoderLine | None = None
+    poses: RelativePoses, hinge: Hinge, encoder_line: EncoderLine | None = None
 ) -> Iterator[tuple[slice, SampleResiduals]]:
     """Yield the residuals of the hinge constraints E1 and E2 for relative poses block by block, as pairs of the slice
-    of samples and their SampleResiduals. If `line`, an EncoderLine, is given, these include the residuals of the
-    encoder.
+    of samples and their SampleResiduals. If `encoder_line`, an EncoderLine, is given, these include the residuals of
+    the encoder.
     """
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
-    for start in range(0, poses.samples, _SAMPLES_PER_BLOCK):
-        block = slice(start, min(start + _SAMPLES_PER_BLOCK, poses.samples))
+    for start in range(0, poses.samples, _NUM_SAMPLES_PER_RESIDUAL_BLOCK):
+        block = slice(start, min(start + _NUM_SAMPLES_PER_RESIDUAL_BLOCK, poses.samples))
         q, p = turned @ poses.Q[:, block], first.T @ poses.p[:, block]
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
-        told = None if poses.told is None else poses.told[:, block]
-        arms = lever1 + arm if told is None else 2 * (told[2] * lever1 + (1 - told[2]) * arm)
+        relative_noise = None if poses.relative_noise is None else poses.relative_noise[:, block]
+        arms = (
+            lever1 + arm
+            if relative_noise is None
+            else 2 * (relative_noise[2] * lever1 + (1 - relative_noise[2]) * arm)
+        )
         stretch = 1 / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
         tilt = q[2:6:3] * stretch
-        if q[8].min() < _MAX_OPPOSITE_AXES_COSINE:
-            tilt[0] = np.where(q[8] < _MAX_OPPOSITE_AXES_COSINE, 2.0, tilt[0])
+        if q[8].min() < _MAX_COSINE_OF_OPPOSITE_HINGE_AXES:
+            tilt[0] = np.where(q[8] < _MAX_COSINE_OF_OPPOSITE_HINGE_AXES, 2.0, tilt[0])
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
-        seen = SampleResiduals(q, p, arms, tilt, gap, told=told)
-        if poses.rates is not None:
-            dq, dp = turned @ poses.rates[:9, block], first.T @ poses.rates[9:, block]
-            delayed = np.empty((6, q.shape[1]))
-            delayed[:2] = dq[2:6:3] * stretch
-            delayed[2:5] = -dp - (dq.reshape(3, 3, -1) * lever2).sum(axis=1)
-            delayed[2:4] += 0.5 * arms[2] * delayed[:2]
-            delayed[4] -= 0.5 * (delayed[0] * arms[0] + delayed[1] * arms[1])
+        seen = SampleResiduals(q, p, arms, tilt, gap, relative_noise=relative_noise)
+        if poses.offset_derivatives is not None:
+            dq, dp = turned @ poses.offset_derivatives[:9, block], first.T @ poses.offset_derivatives[9:, block]
+            offset_derivatives = np.empty((6, q.shape[1]))
+            offset_derivatives[:2] = dq[2:6:3] * stretch
+            offset_derivatives[2:5] = -dp - (dq.reshape(3, 3, -1) * lever2).sum(axis=1)
+            offset_derivatives[2:4] += 0.5 * arms[2] * offset_derivatives[:2]
+            offset_derivatives[4] -= 0.5 * (offset_derivatives[0] * arms[0] + offset_derivatives[1] * arms[1])
             c, s = q[0] + q[4], q[3] - q[1]
-            delayed[5] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
-            seen = seen._replace(delayed=delayed)
-        if poses.encoder is not None and line is not None:
+            offset_derivatives[5] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
+            seen = seen._replace(offset_derivatives=offset_derivatives)
+        if poses.encoder is not None and encoder_line is not None:
             reading = poses.encoder[block]
-            seen = seen._replace(reading=reading, turn=_encoder_residual(seen.psi, reading, line), slope=line.slope)
+            seen = seen._replace(
+                reading=reading, turn=_encoder_residual(seen.psi, reading, encoder_line), slope=encoder_line.slope
+            )
         yield block, seen
 
 
 def _normal_equations(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: EncoderLine | None = None
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
 ) -> tuple[Float64Array, Float64Array]:
     """Return the matrix J^T W J (k, k) and the vector J^T W r (k,) of one Gauss-Newton step for the k parameters. J
-    are the whitened derivatives, r the whitened residuals, and W the weights of the samples times those of the loss
-    (None means least squares). `line` is the EncoderLine or None.
+    are the whitened derivatives, r the whitened residuals, and W the weights of the samples, which `loss` reduces for
+    outliers (None means least squares). `encoder_line` is the EncoderLine or None.
     """
     total: Float64Array = np.zeros(())
-    for block, seen in iterate_residuals(poses, hinge, line):
+    for block, seen in iterate_residuals(poses, hinge, encoder_line):
         rows, weights = seen.whitened_rows(noise), poses.weights[block]
         if loss is not None:
             weights = weights * _loss_derivatives(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
@@ -602,17 +614,22 @@ def _estimate_noise(
     hinge: Hinge,
     previous_noise: Noise | None,
     loss: Loss | None,
-    line: EncoderLine | None = None,
+    encoder_line: EncoderLine | None = None,
 ) -> Noise:
     """Return the Noise estimated from the residuals of relative poses for a Hinge, by maximum likelihood if `loss` is
-    None, otherwise by medians. No variance is smaller than that of rounding. `previous_noise` or None decides which
-    gross outliers the medians leave out; with `line`, the EncoderLine, the noise of the encoder is estimated too.
+    None, otherwise by medians. The medians leave out outliers, which `previous_noise` reveals unless it is None. No
+    variance is smaller than the variance of rounding errors. With `encoder_line`, an EncoderLine, the noise of the
+    encoder is estimated too.
 
     The variance of positions is what the gaps show beyond the effect of the attitudes.
     """
     parts = []
-    for block, seen in iterate_residuals(poses, hinge, line):
-        sizes = np.zeros(seen.q.shape[1]) if loss is None or previous_noise is None else seen.sizes(previous_noise)
+    for block, seen in iterate_residuals(poses, hinge, encoder_line):
+        sizes = (
+            np.zeros(seen.q.shape[1])
+            if loss is None or previous_noise is None
+            else seen.whitened_squares(previous_noise)
+        )
         place, attitude, _ = seen.variances(Noise(1.0, 1.0))
         tilt, gap = (seen.tilt**2).sum(axis=0) / attitude, (seen.gap**2).sum(axis=0) / place
         turn = np.full_like(tilt, np.nan) if poses.encoder is None or seen.turn is None else seen.turn**2
@@ -641,7 +658,7 @@ def _estimate_noise(
         )
         noise, _ = variance_components(poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES), hinge, noise, least)
     read = np.isfinite(turn) & near
-    if line is None or not read.any():
+    if encoder_line is None or not read.any():
         return noise
     if loss is None:
         total = float(weights[read] @ turn[read] / weights[read].sum())
@@ -655,7 +672,7 @@ def _estimate_noise(
 
 
 def variance_components(
-    poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = _MAX_FISHER_SCORING_STEPS
+    poses: RelativePoses, hinge: Hinge, start: Noise, minimum: Noise, max_steps: int = 25
 ) -> tuple[Noise, Float64Array]:
     """Return the most likely variances of relative positions and attitudes as a Noise, and the covariance (2, 2) of
     both variances. They are computed by at most `max_steps` steps of Fisher scoring from the Noise `start`, with the

@@ -18,24 +18,25 @@ from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
 # Samples of poses that are computed at a time, which limits the memory.
-_POSE_BLOCK_SAMPLES = 4096
+_NUM_SAMPLES_PER_POSE_BLOCK = 4096
 _NUM_RANDOM_SAMPLE_PAIRS = 200  # each pair of samples gives a hinge
 MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING = 300  # samples that tell which of several candidates is best
-_MIN_PAIR_TURN_ANGLE = 0.017  # [rad] between the samples of a pair
+_MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
     """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the samples' weights, the
     largest coordinate of either body (`size`) and, if known, the derivatives with respect to the clock offset
-    (`rates`), the noise that the user gave (`told`), and encoder readings. Samples are on the last axis.
+    (`offset_derivatives`), the noise that the user gave (`relative_noise`), and encoder readings. Samples are on the
+    last axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
     weights: Float64Array  # of the samples, all positive; shape (N,)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
-    rates: Float64Array | None = None  # derivatives of Q and p by the clock offset [1/s, m/s]; shape (12, N)
-    told: Float64Array | None = None  # noise of each sample, as `Samples.told`; shape (3, N)
+    offset_derivatives: Float64Array | None = None  # of Q and p, by the clock offset [1/s, m/s]; shape (12, N)
+    relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, N)
     encoder: Float64Array | None = None  # reading of an encoder [rad or its own unit], NaN where none; shape (N,)
 
     @property
@@ -49,7 +50,7 @@ class RelativePoses(NamedTuple):
         if step == 1:
             return self
         every = slice(None, None, step)
-        parts = (self.Q, self.p, self.weights, self.rates, self.told, self.encoder)
+        parts = (self.Q, self.p, self.weights, self.offset_derivatives, self.relative_noise, self.encoder)
         Q, p, weights, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
         return RelativePoses(np.asarray(Q), np.asarray(p), np.asarray(weights), self.size, *others)
 
@@ -58,12 +59,13 @@ def compute_relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
     """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world, positions R1
-    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite. `weights` (N,) are those of the samples.
+    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite. `weights` (N,) are the weights of the
+    samples.
     """
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
-    for start in range(0, count, _POSE_BLOCK_SAMPLES):
-        block = slice(start, start + _POSE_BLOCK_SAMPLES)
+    for start in range(0, count, _NUM_SAMPLES_PER_POSE_BLOCK):
+        block = slice(start, start + _NUM_SAMPLES_PER_POSE_BLOCK)
         first, second = (S[block].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
         place1, place2 = (R[block].T.astype(np.float64, order="C") for R in (R1, R2))
         size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
@@ -122,20 +124,20 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 
 
 def _hinges_of_sample_pairs(
-    poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
+    poses: RelativePoses, first_indices: NDArray[np.intp], second_indices: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses determine. `first`
-    and `second` are the indices of the samples of each pair. Pairs between which body 2 turns by less than a degree
-    are left out.
+    """Return n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses determine.
+    `first_indices` and `second_indices` are the indices of the samples of each pair. Pairs between which body 2 turns
+    by less than a degree are left out.
     """
-    Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
+    Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first_indices, second_indices))
     turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    is_turned = angle > _MIN_PAIR_TURN_ANGLE
+    is_turned = angle > _MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES
     Q, angle = Q[is_turned], angle[is_turned]
     n = turn[is_turned] / angle[:, None]
-    p = poses.p.T[first[is_turned]]
-    apart = p - poses.p.T[second[is_turned]]
+    p = poses.p.T[first_indices[is_turned]]
+    apart = p - poses.p.T[second_indices[is_turned]]
     apart = apart - (apart * n).sum(axis=-1, keepdims=True) * n
     lever = -(apart + np.cross(n, apart) / np.tan(angle / 2)[:, None]) / 2
     back = np.swapaxes(Q, -1, -2)

@@ -22,7 +22,7 @@ from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_QUATERNION_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
+_UNIT_QUATERNION_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
 
 
 @overload
@@ -107,7 +107,10 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
     quaternions = values.reshape(values.shape[0], -1, 4)
     known = np.isfinite(quaternions).all(axis=(-2, -1))
     quaternions = quaternions[known]
-    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _QUATERNION_NORM_TOLERANCE:
+    if (
+        not quaternions.size
+        or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_QUATERNION_NORM_TOLERANCE
+    ):
         return
     flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
     if flips.size:
@@ -134,13 +137,13 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 
 
 def interpolated(
-    t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
+    t: Float64Array, values: Float64Array, new_instants: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
     """Return `values`, columns or (if `rotations`) rotation matrices, recorded at increasing instants t and
-    interpolated at other instants `to`. The result is NaN before and after the recording, and between samples that
-    are more than `gaps` seconds apart.
+    interpolated at `new_instants`. The result is NaN before and after the recording, and between samples that are
+    more than `gaps` seconds apart.
     """
-    result = np.full((to.size, *values.shape[1:]), np.nan)
+    result = np.full((new_instants.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps)
     if not pieces_of_samples:
@@ -148,16 +151,16 @@ def interpolated(
     known_indices, sizes = np.concatenate(pieces_of_samples), np.array([len(piece) for piece in pieces_of_samples])
     stops = np.cumsum(sizes)
     starts = stops - sizes
-    which = np.searchsorted(t[known_indices[starts]], to, side="right") - 1
-    inside = np.flatnonzero((which >= 0) & (to <= t[known_indices[stops[which] - 1]]))
-    which, before = which[inside], np.searchsorted(t[known_indices], to[inside], side="right") - 1
+    which = np.searchsorted(t[known_indices[starts]], new_instants, side="right") - 1
+    inside = np.flatnonzero((which >= 0) & (new_instants <= t[known_indices[stops[which] - 1]]))
+    which, before = which[inside], np.searchsorted(t[known_indices], new_instants[inside], side="right") - 1
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
     between = _interpolated_rotations if rotations else _interpolated_columns
     for count in np.unique(counts):
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
-        result[rows] = between(_lagrange_weights(t[near] - to[rows, None]), values[near])
+        result[rows] = between(_lagrange_weights(t[near] - new_instants[rows, None]), values[near])
     return result
 
 

@@ -20,8 +20,8 @@ _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE = 1.5  # standard deviations, or the re
 
 class Samples(NamedTuple):
     """Checked arrays of one length N: the recorded poses of both bodies (R1, S1, R2, S2), which of them can be used
-    (`known1`, `known2`), instants, weights, encoder readings, and the noise that the user gave (`told`,
-    `told_noise`). `is_point` says that body 2 has no attitudes.
+    (`known1`, `known2`), instants, weights, encoder readings, and the noise that the user gave (`relative_noise`,
+    `mean_noise`). `is_point` says that body 2 has no attitudes.
     """
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
@@ -32,8 +32,9 @@ class Samples(NamedTuple):
     known1: NDArray[np.bool_]  # where body 1 was recorded and has weight; shape (N,)
     known2: NDArray[np.bool_]
     weights: Float64Array  # shape (N,)
-    told: Float64Array | None  # variances of places and attitudes in parts of their means, body 1's share; (3, N)
-    told_noise: Noise | None  # the means of these variances
+    # variances of positions and of attitudes divided by their means, and body 1's share of the latter; shape (3, N)
+    relative_noise: Float64Array | None
+    mean_noise: Noise | None  # the means of these variances
     is_point: bool  # whether body 2 has no attitudes
     encoder: Float64Array | None  # shape (N,)
 
@@ -45,7 +46,7 @@ class Samples(NamedTuple):
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
         poses = compute_relative_poses(R1, S1, R2, S2, self.weights[rows])
         return poses._replace(
-            told=None if self.told is None else self.told[:, rows],
+            relative_noise=None if self.relative_noise is None else self.relative_noise[:, rows],
             encoder=None if self.encoder is None else self.encoder[rows],
         )
 
@@ -53,11 +54,11 @@ class Samples(NamedTuple):
         """Return a list of sentences, one for the positions or the attitudes if the estimated `noise` differs by more
         than half from the noise that `noise1` and `noise2` of `fit` state. The list is empty if neither does.
         """
-        if self.told_noise is None:
+        if self.mean_noise is None:
             return []
         ratios = {
-            "Positions": np.sqrt(noise.place / self.told_noise.place),
-            "Attitudes": np.sqrt(noise.attitude / self.told_noise.attitude),
+            "Positions": np.sqrt(noise.place / self.mean_noise.place),
+            "Attitudes": np.sqrt(noise.attitude / self.mean_noise.attitude),
         }
         return [
             f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
@@ -100,15 +101,15 @@ def checked_samples(
     for name, array in full_arrays.items():
         if not np.isfinite(array.sum()):  # one pass where nothing is missing
             known[name[1]] &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
-    told, told_noise = _checked_noise(noise1, noise2, shape)
+    relative_noise, mean_noise = _checked_noise(noise1, noise2, shape)
     return Samples(
         t=time,
         **full_arrays,
         known1=known["1"],
         known2=known["2"],
         weights=sample_weights,
-        told=told,
-        told_noise=told_noise,
+        relative_noise=relative_noise,
+        mean_noise=mean_noise,
         is_point=is_point,
         encoder=None if encoder is None else _checked_encoder(encoder, shape),
     )
@@ -146,8 +147,8 @@ def _checked_noise(
 ) -> tuple[Float64Array | None, Noise | None]:
     """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. `noise1` and `noise2` are
     pairs of standard deviations of position and attitude. The rows are the variances of position and of attitude
-    divided by their means, and the fraction of body 1 in the latter. Return (None, None) without noise; raise
-    ArgumentError for unusable noise.
+    divided by their means, and the fraction of the attitude variance that is due to body 1. Return (None, None)
+    without noise; raise ArgumentError for unusable noise.
     """
     if noise1 is None and noise2 is None:
         return None, None

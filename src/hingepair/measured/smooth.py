@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME, Loss
 from hingepair.measured.resample import interpolated
-from hingepair.measured.spline import MIN_PIECE_SAMPLES, SmoothedColumns, smooth_columns
+from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import (
     checked_gaps,
@@ -42,7 +42,7 @@ _RECORDED_QUANTITY_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as m
 # Above, a warning says so.
 _MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS = 0.2
 _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
-_MAX_NOISE_TO_RMS_DERIVATIVE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
+_MAX_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE = 0.5  # above, a warning says so
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -351,9 +351,9 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
     `name`, if none remains.
     """
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE_SAMPLES)
+    pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_SAMPLES_PER_SMOOTHED_PIECE)
     if not pieces_of_samples:
-        expected = f"at least {MIN_PIECE_SAMPLES} finite samples without a gap"
+        expected = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap"
         raise ArgumentError(name, expected, f"{int(is_known.sum())} finite samples, none so many together")
     return pieces_of_samples
 
@@ -406,7 +406,7 @@ def _noise_suspicions(
     noisy_derivatives = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > _MAX_NOISE_TO_RMS_DERIVATIVE * size:
+        if noise[letter] > _MAX_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE * size:
             unit = unit_of(letter)
             noisy_derivatives.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     return (

@@ -36,7 +36,7 @@ from hingepair.errors import MissingDependencyError
 from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
 from hingepair.numeric.arrays import Float64Array
 
-MIN_PIECE_SAMPLES = 8
+MIN_SAMPLES_PER_SMOOTHED_PIECE = 8
 """Samples of a piece that is smoothed."""
 _SPLINE_DEGREE = 7  # of the B-splines
 _PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
@@ -57,18 +57,13 @@ _MIN_SPECTRUM_SAMPLES = 128  # samples of a piece whose spectrum is taken
 _SPECTRUM_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
 _INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum that are independent
 _MAX_WINSORISED_SAMPLE_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
-_MAX_CORRELATED_TO_MEDIAN_TIME_STEP = 1.5  # longest time step over which neighbours' noise is correlated
-_NUM_REWEIGHTINGS = 6  # of samples, by a loss
+_MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN = 1.5  # longest time step over which neighbours' noise is correlated
+_NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
 # Above, a sample has the least weight in losses other than "linear".
 _MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES = 100.0
 _MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
-_MAX_RECORD_PARTS = 16
-"""Parts of a record whose residuals are compared."""
-_MIN_RECORD_PART_SAMPLES = 16  # samples of such a part
-# Median square of a part of the record to that of all, below which the residuals are not one noise with outliers.
-_MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL = 1 / 30
+_LOSS_SCALE_OF_SQUARED_RESIDUAL_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
 _NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
 _NUM_SAMPLES_PER_RECORD_STRETCH = 4096  # of a long record
@@ -119,7 +114,7 @@ def smooth_columns(
     with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation; with `loss`, a
     function, outliers count little, each sample as a whole. Raise MissingDependencyError without SciPy.
 
-    A piece has at least MIN_PIECE_SAMPLES samples, all of them finite.
+    A piece has at least MIN_SAMPLES_PER_SMOOTHED_PIECE samples, all of them finite.
     """
     try:
         import scipy.linalg  # noqa: F401
@@ -128,7 +123,7 @@ def smooth_columns(
         raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
     k, weights, residuals = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
-    for iteration in range(1 if loss is None else _NUM_REWEIGHTINGS):
+    for iteration in range(1 if loss is None else _NUM_ROBUST_REWEIGHTING_ROUNDS):
         if iteration < 2:
             clean, is_winsorised = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
             clean[used[is_winsorised]] -= residuals[is_winsorised]
@@ -147,7 +142,7 @@ def smooth_columns(
             weights = np.where(
                 sizes > _MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES,
                 0.0,
-                loss(sizes / _LOSS_SCALE_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
+                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_BY_COLUMN_COUNT[k])[0],
             )
             weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
     white = spline.whitened(residuals)
@@ -172,12 +167,12 @@ def smooth_columns(
 
 def _outlier_share(squares: Float64Array, column_count: int) -> float:
     """Return the fraction of samples that are outliers, from their squared residuals `squares` (N,), sums over
-    `column_count` columns. It is 0 if residuals are much smaller in one part of the record than elsewhere, since the
-    large ones are then due to motion that the curve cannot follow.
+    `column_count` columns. It is 0 if the median of `squares` in one of up to 16 parts of the record is less than a
+    thirtieth of the median of all, since the large residuals are then due to motion that the curve cannot follow.
     """
     typical = float(np.median(squares))
-    parts = np.array_split(squares, min(_MAX_RECORD_PARTS, max(1, squares.size // _MIN_RECORD_PART_SAMPLES)))
-    if min(float(np.median(part)) for part in parts) < _MIN_RECORD_PART_TO_MEDIAN_SQUARED_RESIDUAL * typical:
+    parts = np.array_split(squares, min(16, max(1, squares.size // 16)))
+    if min(float(np.median(part)) for part in parts) < typical / 30:
         return 0.0
     variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
     return float(np.mean(squares > _MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES * variance))
@@ -191,10 +186,10 @@ def _choose_model(
     weights: Float64Array,
     bandwidth: float | None,
 ) -> SmoothingModel:
-    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz], or, if it is None, the one with the
-    least generalised cross-validation score, and the correlation of the noise. The correlation is estimated from
-    `clean_columns`, the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are those of
-    the samples of all pieces.
+    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz] or, if it is None, a bandwidth chosen by
+    generalised cross validation, and the correlation of the noise. The correlation is estimated from `clean_columns`,
+    the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are the weights of the samples
+    of all pieces.
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
@@ -256,7 +251,9 @@ def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp
     spectrum needs even steps.
     """
     steps = np.diff(t[piece])
-    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * np.median(steps)) + 1)
+    return np.split(
+        piece, np.flatnonzero(steps > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN * np.median(steps)) + 1
+    )
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
@@ -309,7 +306,9 @@ def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArra
     for start in np.linspace(0, all_rows.size - length, _NUM_RECORD_STRETCHES).astype(np.intp):
         stretch, owner = all_rows[start : start + length], owners[start : start + length]
         stretches += [
-            part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE_SAMPLES
+            part
+            for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1)
+            if part.size >= MIN_SAMPLES_PER_SMOOTHED_PIECE
         ]
     return stretches
 
@@ -447,7 +446,9 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         start += time.size
     with np.errstate(divide="ignore"):
         neighbour_correlations = np.where(
-            between > _MAX_CORRELATED_TO_MEDIAN_TIME_STEP * step, 0.0, correlation ** np.minimum(between / step, 1e3)
+            between > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN * step,
+            0.0,
+            correlation ** np.minimum(between / step, 1e3),
         )
     inverse_noise = 1 / np.sqrt(1 - neighbour_correlations**2)
     return diags_array(
