@@ -1469,8 +1469,8 @@ FAULTS = {
     ),
     "an inertia is assumed where it equals the default": Fault(
         "pair/body.py",
-        "computed = {name: own for name, own in values.items() if arguments[name] is None}",
-        "computed = {n: own for n, own in values.items() if arguments[n] is None or np.ndim(own) == 2}",
+        "computed = {name: value for name, value in values.items() if arguments[name] is None}",
+        "computed = {n: value for n, value in values.items() if arguments[n] is None or np.ndim(value) == 2}",
         "pair/test_body.py::test_a_value_is_assumed_where_it_is_not_given_and_not_where_it_equals_the_default",
     ),
     "a friction that is left out of the torque": Fault(

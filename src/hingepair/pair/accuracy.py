@@ -154,8 +154,11 @@ def output_scales(
     linear: dict[str, Any] = {"U1": norm(u1), "U2": norm(u2), "R1": R1, "V1": v1, "a1": a1}
     for name in ("R1", "V1", "a1"):
         linear[name] = None if linear[name] is None else largest(linear[name])
-    turning = {"W1": W1, "A1": A1, "W": psid, "A": psidd}
-    sizes = linear | {name: None if value is None else _largest_size(value) for name, value in turning.items()}
+    angular = {"W1": W1, "A1": A1, "W": psid, "A": psidd}
+    sizes = linear | {
+        name: None if value is None else np.abs(np.asarray(value, dtype=np.float64))
+        for name, value in angular.items()
+    }
     with np.errstate(over="ignore", invalid="ignore"):
         scale_by_output = _scale_formulas(**sizes, pinocchio=pinocchio)
     return {
@@ -195,12 +198,12 @@ def _scale_formulas(
 
 
 def error_ratios(
-    output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
+    output: str, computed: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
     """Return (error, ratio) of an output at each sample, two arrays (...,). `error` is the largest absolute
-    difference between the components of the arrays `got` and `expected`, and `ratio` is error / (u * scale), where u
-    is the unit roundoff of `dtype`. Both are NaN where the expected value or the scale is not finite. `output` is the
-    name of the output.
+    difference between the components of the arrays `computed` and `expected`, and `ratio` is error / (u * scale),
+    where u is the unit roundoff of `dtype`. Both are NaN where the expected value or the scale is not finite.
+    `output` is the name of the output.
 
     Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
     ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
@@ -209,7 +212,7 @@ def error_ratios(
 
     Args:
         output: name of the output, which says how many axes one sample has.
-        got: what was computed; shape (..., 3) or (..., 3, 3).
+        computed: what was computed; shape (..., 3) or (..., 3, 3).
         expected: what it should be; the same shape.
         scale: as `output_scales` gives it; shape (...,).
         dtype: the type the result was computed in, which gives u.
@@ -222,7 +225,7 @@ def error_ratios(
     expected = np.asarray(expected, dtype=np.float64)
     comparable = np.isfinite(expected).all(axis=axes) & np.isfinite(scale)
     with np.errstate(all="ignore"):
-        error = np.abs(np.asarray(got, dtype=np.float64) - expected).max(axis=axes)
+        error = np.abs(np.asarray(computed, dtype=np.float64) - expected).max(axis=axes)
         error = np.where(comparable, np.where(np.isfinite(error), error, np.inf), np.nan)
         smallest = float(np.finfo(np.dtype(dtype)).tiny)
         ratio = error / np.maximum(np.asarray(scale, dtype=np.float64) * unit_roundoff(dtype), smallest)
@@ -243,10 +246,6 @@ def norm(vector: ArrayLike) -> Float64Array:
 def largest(vector: ArrayLike) -> Float64Array:
     """Return the largest absolute component of each vector on the last axis of an array; shape (...,)."""
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
-
-
-def _largest_size(value: ArrayLike) -> Float64Array:
-    return np.asarray(np.abs(np.asarray(value, dtype=np.float64)))
 
 
 Bounds = dict[str, NDArray[np.float64]]

@@ -69,10 +69,10 @@ class Box(Frozen):
             raise ArgumentError("size", "three lengths above 0", size)
         turn = one_constant("axes", np.eye(3) if axes is None else axes, 3, 3)
         check_rotation("axes", turn)
-        _freeze(self, size=edges, center=one_constant("center", center, 3), axes=turn)
+        _set_frozen_attributes(self, size=edges, center=one_constant("center", center, 3), axes=turn)
 
     def __repr__(self) -> str:
-        return _show(self, "size", "center", *(["axes"] if (self.axes != np.eye(3)).any() else []))
+        return _constructor_text(self, "size", "center", *(["axes"] if (self.axes != np.eye(3)).any() else []))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -111,10 +111,10 @@ class Cylinder(Frozen):
     ) -> None:
         direction = read_only(unit_axis("axis", one_constant("axis", axis, 3)))
         values = {"radius": _positive_number("radius", radius), "length": _positive_number("length", length)}
-        _freeze(self, **values, center=one_constant("center", center, 3), axis=direction)
+        _set_frozen_attributes(self, **values, center=one_constant("center", center, 3), axis=direction)
 
     def __repr__(self) -> str:
-        return _show(self, "radius", "length", "center", "axis")
+        return _constructor_text(self, "radius", "length", "center", "axis")
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -139,10 +139,12 @@ class Sphere(Frozen):
     center: NDArray[np.float64]
 
     def __init__(self, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        _freeze(self, radius=_positive_number("radius", radius), center=one_constant("center", center, 3))
+        _set_frozen_attributes(
+            self, radius=_positive_number("radius", radius), center=one_constant("center", center, 3)
+        )
 
     def __repr__(self) -> str:
-        return _show(self, "radius", "center")
+        return _constructor_text(self, "radius", "center")
 
 
 Shape: TypeAlias = Box | Cylinder | Sphere
@@ -208,20 +210,20 @@ class Body(Frozen):
         mass = None if mass is earlier.get("mass") else mass
         center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
-        value = _DEFAULT_MASS if mass is None else _positive_number("mass", mass)
+        mass_value = _DEFAULT_MASS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         shape_tuple = tuple(shapes)
         for shape in shape_tuple:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        middle, spread = _mass_distribution(shape_tuple if inertia is None else ())
-        centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
-        tensor = _checked_inertia(value * spread if inertia is None else _inertia_matrix(inertia))
+        default_centre, inertia_per_mass = _mass_distribution(shape_tuple if inertia is None else ())
+        centre = default_centre if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
+        tensor = _checked_inertia(mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia))
         arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
-        values = {"mass": value, "center_of_mass": centre, "inertia": tensor}
-        computed = {name: own for name, own in values.items() if arguments[name] is None}
-        _freeze(self, **values, shapes=shape_tuple, _computed=computed)
+        values = {"mass": mass_value, "center_of_mass": centre, "inertia": tensor}
+        computed = {name: value for name, value in values.items() if arguments[name] is None}
+        _set_frozen_attributes(self, **values, shapes=shape_tuple, _computed=computed)
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -234,13 +236,14 @@ class Body(Frozen):
                 "no mass is given, 1 kg is taken; Body(mass=...) gives it, in a scene the key mass of the body"
             )
         if "inertia" in self._computed and not self.shapes:
-            why = "no inertia is given, a radius of gyration of 0.1 m is taken"
-            how = "Body(inertia=...) or Body(shapes=...) gives it, in a scene the key inertia or shapes"
-            sentences.append(f"{why}; {how} of the body")
+            sentences.append(
+                "no inertia is given, a radius of gyration of 0.1 m is taken; Body(inertia=...) or Body(shapes=...) "
+                "gives it, in a scene the key inertia or shapes of the body"
+            )
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+        return _constructor_text(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -251,11 +254,11 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
     volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
-    shares, places = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
-    middle = shares @ places
-    levers = places - middle
-    spread = np.einsum("n,ni,nj->ij", shares, levers, levers) + np.einsum("n,nij->ij", shares, moments)
-    return read_only(middle), np.trace(spread) * np.eye(3) - spread
+    weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
+    center_of_mass = weights @ centers
+    levers = centers - center_of_mass
+    second_moments = np.einsum("n,ni,nj->ij", weights, levers, levers) + np.einsum("n,nij->ij", weights, moments)
+    return read_only(center_of_mass), np.trace(second_moments) * np.eye(3) - second_moments
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
@@ -302,12 +305,13 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if excess > 1e-3 * total:  # moments of a flat body that are written with three digits are off by as much
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
     if excess > 64 * 2.0**-53 * large:  # more than the rounding of a product R I R^T and of its eigenvalues
-        shown = ", ".join(f"{moment:.6g}" for moment in moments)
-        above = (
-            f"the largest of the principal moments {shown} is {100 * excess / (small + middle):.2g} % above the sum"
+        moment_texts = ", ".join(f"{moment:.6g}" for moment in moments)
+        percentage = f"{100 * excess / (small + middle):.2g} %"
+        message = (
+            f"inertia: the largest of the principal moments {moment_texts} is {percentage} above the sum of the "
         )
-        told = f"inertia: {above} of the other two, which no rigid body has; that is taken for rounding"
-        warnings.warn(told, DynamicsWarning, stacklevel=3)  # who calls Body
+        message += "other two, which no rigid body has; that is taken for rounding"
+        warnings.warn(message, DynamicsWarning, stacklevel=3)  # who calls Body
     return read_only(inertia / 2 + inertia.T / 2)
 
 
@@ -321,12 +325,14 @@ def _positive_number(name: str, value: object) -> float:
     return number
 
 
-def _freeze(value: object, **fields: Any) -> None:
-    for name, field in fields.items():
-        object.__setattr__(value, name, field)
+def _set_frozen_attributes(instance: object, **attributes: Any) -> None:
+    """Set attributes of a frozen object, which are passed as keyword arguments."""
+    for name, value in attributes.items():
+        object.__setattr__(instance, name, value)
 
 
-def _show(value: object, *names: str) -> str:
-    fields = ((name, getattr(value, name)) for name in names)
-    shown = (f"{name}={field.tolist() if isinstance(field, np.ndarray) else field!r}" for name, field in fields)
-    return f"{type(value).__name__}({', '.join(shown)})"
+def _constructor_text(instance: object, *names: str) -> str:
+    """Return the call that makes an object, such as Sphere(radius=1.0), as a text with the attributes `names`."""
+    values = ((name, getattr(instance, name)) for name in names)
+    arguments = (f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}" for name, value in values)
+    return f"{type(instance).__name__}({', '.join(arguments)})"

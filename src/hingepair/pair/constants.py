@@ -81,7 +81,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
     lever2, exponent2 = scaled_by_power_of_two(values["u2"])
-    both, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
+    u1_and_u2, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
     n, _ = polar(axis)
     values_by_name: dict[str, Any] = {"arm": tuple(map(Twofold, lever2)), "n": n}
     *of_u2, lever_fixed = LEVER_CONSTANT_STEPS if "home" in values else LEVER_CONSTANT_STEPS[1:]
@@ -91,13 +91,13 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
         values_by_name[result] = function(*[values_by_name[name] for name in arguments])
     # Only `lever_fixed` holds both levers, and the shorter one may vanish beside the longer.
     shift = exponent2 - exponent
-    beside = (
+    shifted_vectors = (
         tuple(
             Twofold(times_power_of_two(c.high, shift), times_power_of_two(c.low, shift)) for c in values_by_name[name]
         )
         for name in lever_fixed.arguments[1:]
     )
-    values_by_name["lever_fixed"] = lever_fixed.function(tuple(map(Twofold, both[:3])), *beside)
+    values_by_name["lever_fixed"] = lever_fixed.function(tuple(map(Twofold, u1_and_u2[:3])), *shifted_vectors)
     exponents = {"lever_fixed": exponent, "lever_cos": exponent2, "lever_sin": exponent2}
     levers = {
         name: tuple(times_power_of_two(c.high, e) for c in values_by_name[name]) for name, e in exponents.items()
@@ -106,6 +106,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
 
 
 def _stack_components(components: Components) -> NDArray[np.float64]:
+    """Return components, which broadcast, as one array with the components on the last axis."""
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
@@ -140,8 +141,8 @@ def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> N
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
     in_body1 = in_body2 = {"e1": first, "e2": np.cross(n, first), "n": n}
     if home is not None:
-        back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
-        in_body2 = {name: (back @ vector[..., None])[..., 0] for name, vector in in_body1.items()}
+        home_inverse = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
+        in_body2 = {name: (home_inverse @ vector[..., None])[..., 0] for name, vector in in_body1.items()}
     named = {**in_body1, **{f"{name}_in_2": vector for name, vector in in_body2.items()}}
     return {name: numbers(vector) for name, vector in named.items()}
 

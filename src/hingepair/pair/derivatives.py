@@ -67,6 +67,7 @@ def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: Coordinate
 
 
 def _output_from_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
+    """Compute the output `name` of a pair from q and qd (None if not given), and return it as an array."""
     find_sequence(sequence)
     coordinates = read_pair_coordinates(SPATIAL_MOTION_KIND, q, qd, None)
     return compute_arrays(pair, (name,), coordinates.parts, coordinates.shapes, sequence=sequence)[name]

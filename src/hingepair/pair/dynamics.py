@@ -162,9 +162,9 @@ def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = 
     values: dict[str, Any] = {}
     for name, body in bodies.items():
         if body is None:
-            ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-            instead = hint_without_body1 if name == "body1" else ""
-            raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}{instead}", None)
+            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+            hint = hint_without_body1 if name == "body1" else ""
+            raise ArgumentError(f"pair.{name}", f"mass properties, as in {examples}{hint}", None)
         centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
         values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
         for sentence in body.assumed:
@@ -172,9 +172,10 @@ def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = 
     return values
 
 
-def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
-    arrays = {name: np.array(value) for name, value in more.items()}
-    return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
+def _extended_constants(constants: Constants, extra_values: Mapping[str, Any]) -> Constants:
+    """Return new Constants of a pair, extended by values by name: floats and tuples of components."""
+    extra_arrays = {name: np.array(value) for name, value in extra_values.items()}
+    return Constants({**constants.values, **extra_values}, {**constants.arrays, **extra_arrays}, constants.shape)
 
 
 def with_loads_and_masses(
@@ -193,11 +194,12 @@ def with_loads_and_masses(
     zero_loads = {
         name: 0.0 if name == "hinge_torque" else _ZERO_VECTOR_COMPONENTS for name in FORWARD_DYNAMICS_LOAD_NAMES
     }
-    fall = one_constant("gravity", gravity, 3).tolist()
-    return _with(constants, {"gravity": tuple(fall), **zero_loads, **mass_constants(needed_bodies)})
+    gravity_vector = tuple(one_constant("gravity", gravity, 3).tolist())
+    return _extended_constants(constants, {"gravity": gravity_vector, **zero_loads, **mass_constants(needed_bodies)})
 
 
 def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
+    """Return an iterable of the pairs ("body1", its Body or None) and ("body2", its Body or None)."""
     return zip(("body1", "body2"), bodies, strict=True)
 
 
@@ -239,7 +241,7 @@ def compute_dynamics(
     bodies: Bodies,
     body1: BodyMotion,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-    **given: ArrayLike,
+    **hinge_and_loads: ArrayLike,
 ) -> tuple[FloatArray, ...]:
     """Compute the outputs that a DynamicsComputationSpec names, at all samples, and return a tuple of writable arrays
     in the order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi,
@@ -249,20 +251,25 @@ def compute_dynamics(
     Raises:
         ArgumentError: an argument cannot be used; names it.
     """
-    fall = _DEFAULT_GRAVITY_ARRAY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
-    loads = {name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value for name, value in given.items()}
+    gravity_array = (
+        _DEFAULT_GRAVITY_ARRAY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
+    )
+    inputs = {
+        name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value
+        for name, value in hinge_and_loads.items()
+    }
     call: Call | None = constants.prepared.get(spec)
     if call is not None and type(body1) is BodyMotion:
-        state = call.fast_path(*(getattr(body1, letter) for letter in spec.letters), fall, *loads.values())
+        state = call.fast_path(*(getattr(body1, letter) for letter in spec.letters), gravity_array, *inputs.values())
         if state is not None:
             return tuple(writable_arrays(state).values())
-    massive = with_masses(spec, constants, bodies)
+    constants_with_masses = with_masses(spec, constants, bodies)
     values: dict[str, Any] = motion_arrays("body1", body1, *spec.letters)
-    for name, value in loads.items():
+    for name, value in inputs.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
-    values["gravity"] = tuple(fall.tolist())
-    for name, value in loads.items():  # a force that is none is a constant of the program
+    values["gravity"] = tuple(gravity_array.tolist())
+    for name, value in inputs.items():  # a force that is none is a constant of the program
         values[name] = (
             read_component(name, value)
             if name not in _VECTOR_LOAD_NAMES
@@ -272,7 +279,7 @@ def compute_dynamics(
         )
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
     plan = make_plan(spec.outputs, None, "home" in constants.values, given_names=tuple(values))
-    call = cached_call(massive, plan, tuple(values), "auto")
+    call = cached_call(constants_with_masses, plan, tuple(values), "auto")
     if not any(body is not None and body.assumed for body in bodies):  # else every call warns
         constants.prepared[spec] = call
     return tuple(writable_arrays(call.run(values, shapes)).values())
@@ -288,7 +295,7 @@ def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bod
     """
     present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in spec.bodies}
     masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(present, spec.hint_without_body1)  # for every computation
-    extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
+    extended: Constants = constants.prepared.get("masses") or _extended_constants(constants, masses)
     constants.prepared["masses"] = extended
     return extended
 
@@ -316,13 +323,13 @@ def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
     Raises:
         ArgumentError: as for `make_accelerations`.
     """
-    still = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
+    resting_body1 = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
     loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
     outputs = compute_dynamics(
         FORWARD_DYNAMICS_COMPUTATION_SPEC,
         constants,
         bodies,
-        still,
+        resting_body1,
         gravity=_ZERO_VECTOR_COMPONENTS,
         psi=0.0,
         psid=0.0,

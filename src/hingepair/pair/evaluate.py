@@ -52,14 +52,15 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
             checks["attitude1_check"] = {8: 1.0, 4: 1.0}  # the check is 2 for a zero quaternion, and otherwise 0
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
-            {name: constants[name] for name in _needed_arguments(loop, input_names)},
+            {name: constants[name] for name in _constant_input_names(loop, input_names)},
             STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, on_limit=_check_attitudes,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call
 
 
-def _needed_arguments(loop: Any, input_names: tuple[str, ...]) -> list[str]:
+def _constant_input_names(loop: Any, input_names: tuple[str, ...]) -> list[str]:
+    """Return a list of the inputs of a loop that are constants of the pair, that is, not among `input_names`."""
     return [name for name, _ in loop.inputs if name not in input_names]
 
 
@@ -117,14 +118,17 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
         pair: the constants of one pair.
         values: inputs of the plan of which something is known, as tuples of numbers and arrays, or one of either.
     """
-    loop, moving = plan_loop(plan), np.empty(2)  # whatever the number of samples, which may be one
+    loop = plan_loop(plan)
 
-    def unknown(c: Any) -> Any:
-        return moving + 0 if isinstance(c, np.ndarray) else c
+    def as_two_samples(component: Any) -> Any:
+        """Return an array of two samples for an array, which may hold one sample, and a number as it is."""
+        return np.empty(2) if isinstance(component, np.ndarray) else component
 
-    many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
-    partly_known = {
-        name: tuple(map(unknown, v)) if isinstance(v, tuple) else unknown(v) for name, v in values.items()
+    unknown_inputs = {name: np.empty((2, *sample_shape)) for name, sample_shape in loop.inputs}
+    partly_known_inputs = {
+        name: tuple(map(as_two_samples, value)) if isinstance(value, tuple) else as_two_samples(value)
+        for name, value in values.items()
     }
-    full = loop.program(bind(loop.inputs, many).pattern)
-    return loop.program(bind(loop.inputs, {**many, **pair.values, **partly_known}).pattern).count_operations(full)
+    full_program = loop.program(bind(loop.inputs, unknown_inputs).pattern)
+    program = loop.program(bind(loop.inputs, {**unknown_inputs, **pair.values, **partly_known_inputs}).pattern)
+    return program.count_operations(full_program)

@@ -35,11 +35,12 @@ Outputs: TypeAlias = Iterable[str] | None
 
 _NUMBER_WORD_BY_COORDINATE_COUNT = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
 _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64 = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
-_SEQUENCE_TYPES, _NUMBER_TYPES = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
+_FLOAT_ROW_TYPES = {tuple, list}  # sequences that `float_row` converts
+_FLOAT_ROW_NUMBER_TYPES = {float, int, np.float64, np.int64, np.int32}  # numbers in them that it converts
 # The attributes of BodyMotion by the names of inputs.
-_ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+_MOTION_ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 # What messages call these inputs.
-_ARGUMENT_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _ATTRIBUTE_BY_BODY1_INPUT.items()}
+_ARGUMENT_NAME_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _MOTION_ATTRIBUTE_BY_BODY1_INPUT.items()}
 
 
 class PairCoordinates(NamedTuple):
@@ -85,10 +86,11 @@ def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_fore
     return PairCoordinates(parts, {name: _leading_shape(name, part) for name, part in parts.items()}, library)
 
 
-def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...]:
-    if isinstance(part, np.ndarray):
-        return part.shape[:-1]
-    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(part)})
+def _leading_shape(name: str, components: Components | NDArray[Any]) -> tuple[int, ...]:
+    """Return the shape of the samples of an array with components last, or of a tuple of components."""
+    if isinstance(components, np.ndarray):
+        return components.shape[:-1]
+    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(components)})
 
 
 def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) -> Components | NDArray[Any]:
@@ -160,7 +162,9 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
         is_supported = value.shape == (count,) and value.dtype.char in _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64
     else:
         is_supported = (
-            type(value) in _SEQUENCE_TYPES and len(value) == count and _NUMBER_TYPES.issuperset(map(type, value))
+            type(value) in _FLOAT_ROW_TYPES
+            and len(value) == count
+            and _FLOAT_ROW_NUMBER_TYPES.issuperset(map(type, value))
         )
     try:
         return np.asarray(value, np.float64) if is_supported else None
@@ -258,7 +262,7 @@ def from_body1(
     `out` are written into. The call is cached in `pair.prepared`. Raise ArgumentError for unusable arguments.
     """
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
-    library = library_of({_ARGUMENT_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
+    library = library_of({_ARGUMENT_NAME_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
     call = cached_call(pair, plan, tuple(values), execution.backend)
     if library is not None:
         return call.run_foreign(values, shapes, library, out, execution.workers)
@@ -282,7 +286,7 @@ def plan_from_body1(
     hinge = {name: v if is_foreign(v) else read_component(name, v) for name, v in angles.items()}
     arrays = {
         name: array
-        for name, letter in _ATTRIBUTE_BY_BODY1_INPUT.items()
+        for name, letter in _MOTION_ATTRIBUTE_BY_BODY1_INPUT.items()
         if (array := getattr(body1, letter)) is not None
     }
     names = _requested_outputs(outputs, out, len(hinge) - 1, SPATIAL_MOTION_KIND)
@@ -335,6 +339,6 @@ def _checked_plan(
         for missing in sorted(
             make_plan((name,), sequence, home, kind=kind, given_names=input_names).inputs - known_names
         ):
-            argument = missing if "q" in input_names else _ARGUMENT_BY_BODY1_INPUT.get(missing, missing)
+            argument = missing if "q" in input_names else _ARGUMENT_NAME_BY_BODY1_INPUT.get(missing, missing)
             raise ArgumentError(argument, f"a value, since output {name} needs it", None)
     return plan

@@ -141,12 +141,14 @@ class HingePair(Shown):
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 
     def _sheet(self) -> Sheet:
+        """Return the pair as a Sheet, the table that is printed: geometry, limits and masses."""
         names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
 
     @property
     def _bodies(self) -> tuple[Body | None, Body | None]:
+        """Mass properties of body 1 and of body 2, each None if not given."""
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
@@ -727,6 +729,7 @@ class HingePair(Shown):
     def _residual_arrays(
         self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
     ) -> dict[str, NDArray[Any]]:
+        """Compute the arrays of a report of `residuals`, and return them as a dict by name."""
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:

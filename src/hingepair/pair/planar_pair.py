@@ -92,8 +92,8 @@ class PlanarPair(Shown):
         values = {key: numbers(array) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        own = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
-        for key, value in own.items():
+        attributes = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
+        for key, value in attributes.items():
             object.__setattr__(self, key, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -105,6 +105,7 @@ class PlanarPair(Shown):
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
 
     def _sheet(self) -> Sheet:
+        """Return the pair as a Sheet, the table that is printed: u1, u2 and the masses."""
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
@@ -236,6 +237,7 @@ class PlanarPair(Shown):
         return pair
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
+        """Return the HingePair with n = (0, 0, 1), the levers of this pair and these mass properties."""
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
@@ -480,8 +482,8 @@ class PlanarPair(Shown):
         for name, value in loads.items():
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        massive = dynamics.with_masses(spec, space.constants, (space.body1, space.body2))
-        return tuple(compute_arrays(massive, spec.outputs, values, shapes, sequence="XYZ").values())
+        constants = dynamics.with_masses(spec, space.constants, (space.body1, space.body2))
+        return tuple(compute_arrays(constants, spec.outputs, values, shapes, sequence="XYZ").values())
 
 
 _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space

@@ -78,7 +78,7 @@ class Prepared:
         return f"Prepared(given={self.given}, outputs={self.outputs})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _prepared_again, self._recipe
+        return prepare, self._recipe
 
     @property
     def source(self) -> str:
@@ -123,27 +123,24 @@ class Prepared:
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
         library = library_of(values)
-        tails = self._call.argument_shapes
+        sample_shapes = self._call.argument_shapes
         if library is not None:  # whether an attitude is one is not checked
-            shapes = {name: np.shape(v)[: np.ndim(v) - len(tails[name])] for name, v in values.items()}
+            shapes = {name: np.shape(v)[: np.ndim(v) - len(sample_shapes[name])] for name, v in values.items()}
             plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
             call = cached_call(self._pair, plan, self.given, "auto")
             return call.run_foreign(values, shapes, library, out, self._workers)
-        arrays = {name: _array(name, value, tails[name]) for name, value in values.items()}
-        shapes = {name: a.shape[: a.ndim - len(tails[name])] for name, a in arrays.items()}
+        arrays = {name: _input_array(name, value, sample_shapes[name]) for name, value in values.items()}
+        shapes = {name: a.shape[: a.ndim - len(sample_shapes[name])] for name, a in arrays.items()}
         return self._call.run(arrays, shapes, out, self._workers)
 
 
-def _array(name: str, value: Any, tail: tuple[int, ...]) -> NDArray[Any]:
+def _input_array(name: str, value: Any, sample_shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return the value of the input `name` as an array whose last axes have the shape `sample_shape`. Raise
+    ArgumentError, ShapeError or DtypeError for an unusable one.
+    """
     if value is None:
         raise ArgumentError(name, "a value, since the call was prepared for it", None)
-    return vectors(name, value, *tail) if tail else real_array(name, value)
-
-
-def _prepared_again(
-    pair: Any, given: Any, outputs: Any, sequence: str, gravity: Any, execution: Execution
-) -> Prepared:
-    return prepare(pair, given, outputs, sequence, gravity, execution)
+    return vectors(name, value, *sample_shape) if sample_shape else real_array(name, value)
 
 
 def prepare(

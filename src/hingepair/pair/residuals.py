@@ -24,7 +24,7 @@ from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
 
 # The heading of the printed table.
-_TABLE_HEADINGS = (
+_RESIDUAL_TABLE_HEADINGS = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
 )
@@ -176,7 +176,9 @@ class Residuals(Frozen, Shown):
         return psi
 
     def __str__(self) -> str:
-        table = align_columns([_TABLE_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
+        table = align_columns(
+            [_RESIDUAL_TABLE_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10}
+        )
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
@@ -186,7 +188,8 @@ class Residuals(Frozen, Shown):
         return f"Residuals(shape={self.shape}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        return Sheet(self.name, (_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
+        """Return the report as a Sheet, the table that is printed: a row for each residual, and the verdict."""
+        return Sheet(self.name, (_RESIDUAL_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """Return the report without the arrays as a JSON text. Numbers that are not finite become null."""
@@ -282,6 +285,9 @@ class LazyResiduals(Results):
         return _make_report(self.name, self.t, self._u, summary, self.arrays())
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        """Return (values, make_report): a dict of the arrays and the summary, which are not computed, and the
+        function that makes the report of these values.
+        """
         lazy = {**self.arrays(), "summary": self._summary}
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
 
@@ -337,14 +343,16 @@ def lazy_residuals(
     grid = blocks[_SIZE_ARRAY_NAME_PREFIX + kinds[0]].shape
     summaries = []
     for index in np.ndindex(grid):
-        own = {
+        delayed_arrays = {
             kind: (blocks[_SIZE_ARRAY_NAME_PREFIX + kind][index], blocks[_TOLERANCE_ARRAY_NAME_PREFIX + kind][index])
             for kind in kinds
         }
-        summaries.append(delayed(_summarize_chunk, pure=True)(own, basis_by_kind))
+        summaries.append(delayed(_summarize_chunk, pure=True)(delayed_arrays, basis_by_kind))
     summary = delayed(_merge_summaries, pure=True)(summaries, grid)
-    shown = {key: array for key, array in arrays.items() if key not in _COMPARISON_ARRAY_NAMES}
-    return LazyResiduals(shown, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary)
+    report_arrays = {key: array for key, array in arrays.items() if key not in _COMPARISON_ARRAY_NAMES}
+    return LazyResiduals(
+        report_arrays, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary
+    )
 
 
 class _ResidualSummary(NamedTuple):
@@ -625,11 +633,11 @@ def _computable_arrays(
     """Compute the residuals, the hinge angle and its derivatives, as far as the `motions`, arrays by name such as R1,
     suffice for them. Return them as a dict of float64 arrays by name. `shapes` are the leading shapes of both bodies.
     """
-    home, there = "home" in pair.values, {*motions, *pair.values}
+    home, known_names = "home" in pair.values, {*motions, *pair.values}
     names = [
         name
         for name in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES
-        if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= there
+        if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= known_names
     ]
     return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
 
@@ -659,8 +667,8 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     try:
         return read_only(np.broadcast_to(array, shape))
     except ValueError:
-        wanted = f"instants that broadcast to the samples' shape {shape}"
-        raise ShapeError("t", wanted, f"shape {array.shape}") from None
+        expected = f"instants that broadcast to the samples' shape {shape}"
+        raise ShapeError("t", expected, f"shape {array.shape}") from None
 
 
 def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
@@ -701,21 +709,22 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
     """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
-    def both(letter: str) -> Float64Array:
+    def largest_of_both(letter: str) -> Float64Array:
+        """Return the largest absolute component of the arrays `letter` of both bodies; shape (...,)."""
         return np.asarray(np.maximum(largest(motions[f"{letter}1"]), largest(motions[f"{letter}2"])))
 
-    scales: dict[str, Any] = {"gap": both("R") + (lever1 + lever2), "tilt": np.float64(1.0)}
+    scales: dict[str, Any] = {"gap": largest_of_both("R") + (lever1 + lever2), "tilt": np.float64(1.0)}
     with np.errstate(all="ignore"):
         if "tilt_rate" in kinds:
             W1, W2 = norm(motions["omega1"]), norm(motions["omega2"])
             scales["tilt_rate"] = W1 + W2
         if "gap_rate" in kinds:
-            scales["gap_rate"] = both("v") + W1 * lever1 + W2 * lever2
+            scales["gap_rate"] = largest_of_both("v") + W1 * lever1 + W2 * lever2
         if "tilt_acceleration" in kinds:
             A1, A2 = norm(motions["alpha1"]), norm(motions["alpha2"])
             scales["tilt_acceleration"] = A1 + A2 + (W1 + W2) * (W1 + W2)
         if "gap_acceleration" in kinds:
-            scales["gap_acceleration"] = both("a") + (
+            scales["gap_acceleration"] = largest_of_both("a") + (
                 (A1 * lever1 + W1 * (W1 * lever1)) + (A2 * lever2 + W2 * (W2 * lever2))
             )
     return {kind: scales[kind] for kind in kinds}

@@ -41,7 +41,7 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
-    _inner: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded", "unit"})
+    _names_hidden_from_dir: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded", "unit"})
     """Public names that only other modules of the package use; `dir` leaves them out."""
 
     @property
@@ -65,7 +65,11 @@ class Result(Shown):
         return unit_of(name)
 
     def __dir__(self) -> list[str]:
-        attributes = (name for name in object.__dir__(self) if not name.startswith("_") and name not in self._inner)
+        attributes = (
+            name
+            for name in object.__dir__(self)
+            if not name.startswith("_") and name not in self._names_hidden_from_dir
+        )
         return sorted({*attributes, *self._named()})
 
     def _named(self) -> Iterable[str]:
@@ -211,6 +215,7 @@ class Record(Result):
         return self._arrays[name]
 
     def _named(self) -> Iterable[str]:
+        """Return the names of the arrays, which are attributes, for `dir`."""
         return self._arrays
 
     def __repr__(self) -> str:
@@ -285,6 +290,7 @@ def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
 
 
 def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
+    """Return a list of t and of all components of the arrays, one array of shape (N,) for each column."""
     return [t, *(column for array in arrays.values() for column in array.reshape(len(t), -1).T)]
 
 
@@ -293,13 +299,13 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
     """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file as CSV. Its
     first call also writes the line of column names.
     """
-    begun = False
+    is_header_written = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Append rows with the instants t [s] and the components of the arrays by name, one line per instant."""
-        nonlocal begun
-        if not begun:
-            begun = True
+        nonlocal is_header_written
+        if not is_header_written:
+            is_header_written = True
             file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
         columns = _split_columns(t, arrays)
         for start in range(0, len(t), _CSV_ROWS_PER_WRITE):
@@ -362,10 +368,14 @@ def _collecting_writer(
 
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
+    """Write arrays by name to an open binary file in the format .npz."""
     np.savez(file, **arrays)  # no other keyword: NumPy 2.1 takes each for an array
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
+    """Write arrays by name, of which t is removed from the dict, to an open binary file in the format .nc. Raise
+    MissingDependencyError if xarray or SciPy is not installed.
+    """
     import_data_package("scipy", "save")
     file.write(Record(arrays.pop("t"), arrays, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 

@@ -66,6 +66,7 @@ class PoseCovariance(Frozen):
         return self._std()[..., 3:]
 
     def _std(self) -> Float64Array:
+        """Return the standard deviations of the six components of the pose [m, rad]; shape (..., 6)."""
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
 
     def contributions(self) -> dict[str, Float64Array]:
@@ -76,11 +77,11 @@ class PoseCovariance(Frozen):
         components of the geometry are independent, the contributions add up to the diagonal of `covariance`.
         """
         indices = {name: [k] for k, name in enumerate(GEOMETRY_COMPONENT_NAMES) if not name.startswith("n_")}
-        places = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
+        columns_by_name = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
         variances = {}
-        for name, columns in places.items():
-            part = self.jacobian[..., columns]
-            variances[name] = ((part @ self.geometry[np.ix_(columns, columns)]) * part).sum(axis=-1)
+        for name, columns in columns_by_name.items():
+            slopes = self.jacobian[..., columns]
+            variances[name] = ((slopes @ self.geometry[np.ix_(columns, columns)]) * slopes).sum(axis=-1)
         return variances
 
 
@@ -190,17 +191,17 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
         ArgumentError: an argument cannot be used; the error names it.
     """
     sizes = {name: _three_deviations(name, value) for name, value in std.items()}
-    scattered = [name for name, geometry in sizes.items() if geometry.any()]
+    names = [name for name, deviations in sizes.items() if deviations.any()]
     if covariance is not None:
-        if scattered:
-            raise ArgumentError(scattered[0], "0 beside covariance, which says all of it", quoted(std[scattered[0]]))
+        if names:
+            raise ArgumentError(names[0], "0 beside covariance, which says all of it", quoted(std[names[0]]))
         return _checked_covariance(covariance)
-    if not scattered:
+    if not names:
         expected = f"a positive standard deviation: {', '.join(std)}, or a covariance"
         raise ArgumentError("u1_std", expected, "0 for all of them")
     geometry = np.zeros((12, 12))
-    for name, place in (("u1_std", 0), ("u2_std", 3), ("home_std", 9)):
-        geometry[place : place + 3, place : place + 3] = np.diag(sizes[name] ** 2)
+    for name, start in (("u1_std", 0), ("u2_std", 3), ("home_std", 9)):
+        geometry[start : start + 3, start : start + 3] = np.diag(sizes[name] ** 2)
     geometry[6:9, 6:9] = sizes["axis_std"][0] ** 2 * (np.eye(3) - np.outer(n, n))
     return geometry
 

@@ -86,7 +86,7 @@ class SceneResult(Frozen, Result):
     known: KnownMotion
     names: tuple[str, ...] | None
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {
+    _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
         "requested_arrays",
         "energy",
         "first",

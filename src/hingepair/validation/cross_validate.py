@@ -180,9 +180,9 @@ def cross_validate_from_body1(
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
     flat = _arguments_by_sample(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
-    moving = BodyMotion(**{letter: flat[letter] for letter in letters})
-    rate_sizes = angular_rate_sizes(moving.omega, moving.alpha)
-    return _compare_with_pinocchio(pair, twin, state, moving, [flat[name] for name in angles], rate_sizes, None)
+    flat_body1 = BodyMotion(**{letter: flat[letter] for letter in letters})
+    rate_sizes = angular_rate_sizes(flat_body1.omega, flat_body1.alpha)
+    return _compare_with_pinocchio(pair, twin, state, flat_body1, [flat[name] for name in angles], rate_sizes, None)
 
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
@@ -194,8 +194,8 @@ def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -
     for name, value in arguments.items():
         array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
         rank = 0 if name in {"psi", "psid", "psidd"} else 2 if name == "S" else 1
-        tail = array.shape[array.ndim - rank :]
-        arrays[name] = np.broadcast_to(array, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
+        sample_shape = array.shape[array.ndim - rank :]
+        arrays[name] = np.broadcast_to(array, (*shape, *sample_shape)).reshape(-1, *sample_shape).astype(np.float64)
     finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in arrays.values()]
     for values in arrays.values():
         values[~np.logical_and.reduce(finite)] = np.nan
@@ -227,8 +227,8 @@ def _compare_with_pinocchio(
     shape, dtype = np.shape(state.R2)[:-1], np.asarray(state.R2).dtype
     rows = []
     for name, expected in expected_outputs.items():
-        got = np.asarray(getattr(state, name)).reshape(expected.shape)
-        rows.append(Comparison.worst_of(name, *error_ratios(name, got, expected, scales[name], dtype), shape))
+        computed = np.asarray(getattr(state, name)).reshape(expected.shape)
+        rows.append(Comparison.worst_of(name, *error_ratios(name, computed, expected, scales[name], dtype), shape))
     skipped = int(np.isnan(hinge[0]).sum())
     return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
 
@@ -269,11 +269,11 @@ def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyM
     """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
-    model, joint, here = pin.Model(), 0, pin.SE3.Identity()
+    model, joint, identity = pin.Model(), 0, pin.SE3.Identity()
     for letter in sequence.upper()[::order]:
-        joint = model.addJoint(joint, getattr(pin, f"JointModelR{letter}")(), here, f"R{letter}{joint}")
-    frame = model.addFrame(pin.Frame("body1", joint, here, pin.FrameType.OP_FRAME))
+        joint = model.addJoint(joint, getattr(pin, f"JointModelR{letter}")(), identity, f"R{letter}{joint}")
+    frame = model.addFrame(pin.Frame("body1", joint, identity, pin.FrameType.OP_FRAME))
     angles = [np.ascontiguousarray(c[:, 3:6][:, ::order]) for c in coordinates]
-    turning = frame_motion(model, model.createData(), frame, angles)
-    points = zip(("R", "v", "a"), (c[:, :3] for c in coordinates), strict=False)
-    return BodyMotion(**turning | dict(points))
+    motion = frame_motion(model, model.createData(), frame, angles)
+    translations = zip(("R", "v", "a"), (c[:, :3] for c in coordinates), strict=False)
+    return BodyMotion(**motion | dict(translations))

@@ -45,33 +45,33 @@ def cross_validate_robot(
         base_motion: motion of the base; at rest at the origin unless given.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
     """
-    fall = one_constant("gravity", gravity, 3)
+    gravity_array = one_constant("gravity", gravity, 3)
     names = tuple(robot.tree.links) if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
     tips = robot.tips if frames is None else names
-    places = {name: robot.tree.known_frame("frames", name) for name in names}
+    frame_by_name = {name: robot.tree.known_frame("frames", name) for name in names}
     samples = _RobotSamples(robot, coordinates, base_motion)
-    ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
+    our_outputs = _outputs_by_equations(robot, coordinates, names, tips, base_motion, gravity_array, samples.shape)
     twin = robot_twin(robot, has_free_flyer=True)
-    twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
-    theirs = _outputs_by_pinocchio(robot, twin, samples, names, tips)
+    twin.model.gravity = import_pinocchio("cross_validate").Motion(gravity_array, np.zeros(3))
+    pinocchio_outputs = _outputs_by_pinocchio(robot, twin, samples, names, tips)
     singular: list[str] = []
-    if "tau" in theirs:
-        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _forward_dynamics_residual(
-            robot, twin, samples, ours, theirs
+    if "tau" in pinocchio_outputs:
+        our_outputs["forward_dynamics"], pinocchio_outputs["forward_dynamics"], singular = _forward_dynamics_residual(
+            robot, twin, samples, our_outputs, pinocchio_outputs
         )
-    scales = _output_scales(robot, twin, samples, places, tips, fall, ours)
+    scales = _output_scales(robot, twin, samples, frame_by_name, tips, gravity_array, our_outputs)
     labels = dict.fromkeys((*FRAME_MOTION_NAMES, "d"), names) | {"jacobian": tips, "tau": robot.names}
     labels["forward_dynamics"] = (*_BASE_WRENCH_LABELS, *robot.names) if robot.base == "free" else robot.names
     rows = []
-    for name, expected in theirs.items():
+    for name, expected in pinocchio_outputs.items():
         parts = labels.get(name, ("",))
         if expected.size or not samples.finite.size:  # a robot without joints has neither tau nor mass matrix
-            error, ratio = _errors_by_part(ours[name], expected, scales[name], samples.u, len(parts))
+            error, ratio = _errors_by_part(our_outputs[name], expected, scales[name], samples.u, len(parts))
             rows.append(RobotComparison.worst_of(name, error, ratio, samples.shape, parts))
             if name == "forward_dynamics" and singular:
                 rows[-1] = replace(rows[-1], singular=len(singular), unresisted=singular[0])
     return RobotValidation(
-        robot.name, robot.base, len(places), samples.shape, samples.skipped, samples.u, tuple(rows)
+        robot.name, robot.base, len(frame_by_name), samples.shape, samples.skipped, samples.u, tuple(rows)
     )
 
 
@@ -188,10 +188,10 @@ def _outputs_by_pinocchio(
         rows.append(outputs)
     if not rows:
         return {}
-    theirs = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-    for array in theirs.values():
+    outputs_of_all = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    for array in outputs_of_all.values():
         array[~samples.finite] = np.nan
-    return theirs
+    return outputs_of_all
 
 
 def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
@@ -199,8 +199,8 @@ def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Ar
     ...) each. `twin` is Pinocchio's model of the robot.
     """
     joints, base = samples.joints, samples.base
-    made: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
-    return [make(*joints[: k + 1], base) for k, make in enumerate(made[: len(joints)])]
+    conversions: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
+    return [convert(*joints[: k + 1], base) for k, convert in enumerate(conversions[: len(joints)])]
 
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
@@ -209,8 +209,7 @@ def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
-    back = np.swapaxes(np.asarray(samples.base.S), -1, -2)
-    matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = back
+    matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = np.swapaxes(np.asarray(samples.base.S), -1, -2)
     matrices[:, 6:, 6:] = twin.ratios
     return matrices if robot.base == "free" else matrices[..., 6:]
 
@@ -310,19 +309,19 @@ def _forward_dynamics_residual(
     q, v = _pinocchio_states(twin, samples)[:2]
     a = twin.acceleration(samples.joints[0], samples.joints[1], our_outputs["qdd"], base)
     columns = _velocity_matrices(robot, twin, samples)
-    expected = pinocchio_outputs["tau"]
+    acting_forces = pinocchio_outputs["tau"].copy()
     if robot.base == "free":
-        expected = np.concatenate((pinocchio_outputs["force1"], pinocchio_outputs["torque1"], expected), axis=-1)
-    expected = expected.copy()
-    got = np.full_like(expected, np.nan)
+        wrench = pinocchio_outputs["force1"], pinocchio_outputs["torque1"]
+        acting_forces = np.concatenate((*wrench, acting_forces), axis=-1)
+    required_forces = np.full_like(acting_forces, np.nan)
     singular: list[str] = []
     for i in np.flatnonzero(samples.finite):
         if np.isfinite(a[i]).all():
-            got[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
+            required_forces[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
         elif joint := _unresisted_joint(robot, pinocchio_outputs["mass_matrix"][i]):
-            expected[i] = np.nan
+            acting_forces[i] = np.nan
             singular.append(joint)
-    return got, expected, singular
+    return required_forces, acting_forces, singular
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
@@ -362,13 +361,13 @@ def _output_scales(
     by_output: dict[str, Float64Array] = {}
     if frames:
         at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
-        still = RobotScales(robot.tree, joints[:1], at_origin, gravity)
+        scales_at_rest = RobotScales(robot.tree, joints[:1], at_origin, gravity)
         motions = [scales.motion(frame) for frame in frames.values()]
         by_output |= {
             name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_NAMES
         }
         by_output["S"] = by_output["S"][..., None]
-        by_output["d"] = np.stack([still.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
+        by_output["d"] = np.stack([scales_at_rest.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
         by_output["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)
     by_output["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
     by_output |= {name: one[:, None] for name, one in scales.energy_and_momentum().items()}
@@ -382,12 +381,12 @@ def _output_scales(
     if robot.base == "free":
         by_output["tau"] = by_output["tau"][:, 6:]
     if "forward_dynamics" in our_outputs:
-        reached = [*joints[:2], our_outputs["qdd"] @ twin.ratios.T]
+        joints_with_our_qdd = [*joints[:2], our_outputs["qdd"] @ twin.ratios.T]
         base = samples.base
         if robot.base == "free":
             base = replace(base, a=our_outputs["a1"], alpha=our_outputs["alpha1"])
         by_output["forward_dynamics"] = _generalized_scales(
-            robot, RobotScales(robot.tree, reached, base, gravity), columns
+            robot, RobotScales(robot.tree, joints_with_our_qdd, base, gravity), columns
         )
     return by_output
 

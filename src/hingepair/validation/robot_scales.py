@@ -161,6 +161,7 @@ class RobotScales:
         return scales
 
     def _masses(self, body: int) -> MassProperties:
+        """Return the MassProperties of the body with index `body`; the base has the index 0."""
         return self._tree.joints[body - 1].body if body else self._tree.base
 
     def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:

@@ -165,6 +165,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
 
 
 def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
+    """Return mass properties as Pinocchio's Inertia, unchecked. `pin` is the module pinocchio."""
     inertia = pin.Inertia.Zero()  # its constructor refuses what no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
     return inertia

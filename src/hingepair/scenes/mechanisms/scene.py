@@ -108,7 +108,12 @@ class MechanismSceneResult(Frozen, Result):
     known: KnownJointMotion
     outputs: tuple[MechanismOutput, ...]
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {"requested_arrays", "first", "known", "outputs"}
+    _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
+        "requested_arrays",
+        "first",
+        "known",
+        "outputs",
+    }
 
     @property
     def described(self) -> str:
