@@ -35,10 +35,8 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.pair_table import READER_BY_BODY_KEY, construct_from_table
 from hingepair.scenes.tables import Table
 
-_MAX_CLEARLY_VALID_MASS_PROPERTY: Final = (
-    1e100  # mass, coordinate or inertia in SI units; products of three do not overflow
-)
-_UPPER_TRIANGLE_INDICES: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # order of the second moments
+# Row and column of each of the six second moments in a 3 x 3 matrix, in the order of the moments.
+_SECOND_MOMENT_ROWS_AND_COLUMNS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 class _VariedProperty(NamedTuple):
@@ -88,7 +86,7 @@ class _VariedPayload(NamedTuple):
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
-        if not (all(size < _MAX_CLEARLY_VALID_MASS_PROPERTY for size in sizes) and (mass > 0).all()):
+        if not (all(size < 1e100 for size in sizes) and (mass > 0).all()):  # products of three do not overflow
             return False
         if not any(number.name == "inertia" for number in self.varied):
             return True
@@ -106,7 +104,7 @@ class _VariedPayload(NamedTuple):
         half = (entries[0][0] + entries[1][1] + entries[2][2]) * Twofold(0.5)
         second = [
             (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j])
-            for i, j in _UPPER_TRIANGLE_INDICES
+            for i, j in _SECOND_MOMENT_ROWS_AND_COLUMNS
         ]
         return [Twofold(mass), *first, *second]
 

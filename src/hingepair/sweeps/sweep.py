@@ -31,9 +31,8 @@ from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_
 # Keys that the file of a sweep may have.
 _SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
 _SCENE_ONLY_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
-_MAX_DEFAULT_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
-_MAX_STATES_PER_CHUNK: Final = 200_000  # states of a chunk, likewise
-_SCHEDULER_CONNECTION_TIMEOUT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
+# States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
+_MAX_STATES_COMPUTED_AT_ONCE: Final = 200_000
 
 Progress = Callable[[int, int], None]
 """Takes the number of finished chunks and the number of all chunks."""
@@ -143,8 +142,9 @@ def load_sweep(path: str | Path) -> Sweep:
                 f"{_variant_text(task, 0, numbers[0])}: {error.name}", error.expected, error.got
             ) from None
     if chunk_size is None:
-        states_limit = max(len(numbers) // _MAX_DEFAULT_CHUNKS, _MAX_STATES_PER_CHUNK // first.samples)
-        chunk_size = max(1, min(-(-len(numbers) // 4), states_limit))
+        # At least four chunks and about 1000 at most, of as many variants as are computed at once where that fits.
+        variants_limit = max(len(numbers) // 1000, _MAX_STATES_COMPUTED_AT_ONCE // first.samples)
+        chunk_size = max(1, min(-(-len(numbers) // 4), variants_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
         task=task,
@@ -302,7 +302,7 @@ def _connect(scheduler_address: str) -> Any:
         needed = "the package distributed: pip install 'hingepair[dask]'"
         raise MissingDependencyError("scheduler", needed, str(error)) from None
     try:
-        return Client(scheduler_address, timeout=_SCHEDULER_CONNECTION_TIMEOUT_SECONDS)
+        return Client(scheduler_address, timeout=10.0)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
         raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
@@ -383,7 +383,7 @@ def compute_chunk(
         ArgumentError: a variant cannot be computed; the message names it.
     """
     computer = _variant_computer(task)
-    step = max(1, _MAX_STATES_PER_CHUNK // computer.samples)
+    step = max(1, _MAX_STATES_COMPUTED_AT_ONCE // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
     with compile_at_first_call():
         for start in range(0, len(numbers), step):
