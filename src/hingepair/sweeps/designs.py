@@ -40,7 +40,8 @@ class VariedNumber:
 
 def read_varied_number(table: Table, design: str) -> VariedNumber:
     """Return the `VariedNumber` that one Table [[vary]] of a sweep file describes. `design` is one of `DESIGN_NAMES`,
-    on which the allowed keys depend. Raise a SceneError for a key that is missing, unknown or not of this design.
+    on which the allowed keys depend. Raise a SceneError, which names the key, for a key that is missing, unknown or
+    not of this design, and for a value that cannot be used.
 
     Raises:
         SceneError: a key is missing, unknown, or of another design; the message names it.
@@ -85,9 +86,9 @@ def design_values(
     table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
     """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
-    numbers). `samples` and `seed` are those of a random or Sobol design; `samples` is None in a grid. Raise a
-    SceneError that names `table` for too many variants or missing `samples`, and a MissingDependencyError for a Sobol
-    design without SciPy.
+    numbers). `samples` is the number of variants of a random or Sobol design, and None in a grid; `seed` is the seed
+    of a random or Sobol design. Raise a SceneError that names `table` for too many variants or missing `samples`, and
+    a MissingDependencyError for a Sobol design without SciPy.
 
     In a grid, the last number changes fastest.
 

@@ -81,8 +81,9 @@ class _VariedPayload(NamedTuple):
         return mass, centre, inertia * mass[:, None, None] if self.inertia_per_mass else inertia
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
-        """Return True if all variants have clearly valid mass properties, False if some may be invalid. `numbers` are
-        the values of the varied numbers; shape (variants, numbers).
+        """Return True if the mass properties of all variants are below 1e100 in SI units, the masses positive, and
+        varied principal inertias such as a body can have; False if some may be invalid. `numbers` are the values of
+        the varied numbers; shape (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
@@ -161,7 +162,7 @@ class PayloadVariantComputer:
 
     @functools.cached_property
     def _program(self) -> _PayloadForceProgram | None:
-        """Program of the forces, made at first access; None if no force is an output."""
+        """Program that computes the forces, made at first access; None if no force is an output."""
         forces = self._result.forces
         return (
             None if forces is None else _PayloadForceProgram(self._result, forces.outputs, self._robot, self._links)
@@ -215,8 +216,8 @@ class _PayloadForceProgram:
         return [column for column, known in enumerate(self._known) if known is None]
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` are those of
-        all payloads in one list, ten for each payload.
+        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` is one list for
+        all payloads, ten arrays (variants,) in twice the precision of doubles for each payload.
         """
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):

@@ -26,8 +26,10 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Store:
-    """Results of a sweep on disk: first a file for each finished chunk, at the end the store, which replaces these
-    files. The constructor makes their folder, or raises an ArgumentError.
+    """Results of a sweep on disk. The method `add` writes a file for each finished chunk; `finish` writes the store
+    from these files and deletes them. The constructor makes the folder of the files, or finds the chunks of an
+    interrupted run there. It raises an ArgumentError if the store exists, or if the folder cannot be made or is
+    another sweep's.
 
     While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes.
 

@@ -33,6 +33,8 @@ _SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "sam
 _SCENE_ONLY_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 # States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
 _MAX_STATES_COMPUTED_AT_ONCE: Final = 200_000
+# Time after which a scheduler that does not answer is given up.
+_SCHEDULER_CONNECTION_TIMEOUT_SECONDS: Final = 10.0
 
 Progress = Callable[[int, int], None]
 """Takes the number of finished chunks and the number of all chunks."""
@@ -41,7 +43,8 @@ Progress = Callable[[int, int], None]
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """Sweep that a file describes: its title, the `task` (scene, varied keys, outputs and reductions), the varied
-    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk.
+    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk. `identity`
+    is a text of all that the results depend on, and `files` are the files that were read.
 
     Attributes:
         title: title in a sentence.
@@ -182,8 +185,8 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
     """Return JSON text of all that the results of a sweep depend on: a SweepTask, the values of the varied numbers,
-    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed. Chunks of a
-    sweep with equal text can be reused.
+    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed. The chunks
+    of one sweep can be reused by another with equal text.
     """
     from hingepair import __version__
 
@@ -207,8 +210,8 @@ def run_sweep(
 ) -> Path:
     """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`. `scheduler`
     is the address of a Dask scheduler; None computes on `workers` threads of this process. `progress` is called after
-    each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if that fails; finished chunks
-    are kept, and the next call continues from them.
+    each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if a variant cannot be computed
+    or the store cannot be written; finished chunks are kept, and the next call continues from them.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -233,8 +236,8 @@ def run_sweep(
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
     """Compute the chunks of a Sweep that a Store lacks, on the cluster of the Dask client `client` or, if it is None,
-    on `workers` threads. Call `progress`, if not None, with the numbers of finished and of all chunks after each.
-    Write the store at the end. After an ArgumentError add a note about the chunks that are kept, and raise it again.
+    on `workers` threads. Call `progress`, if not None, after each chunk with the numbers of finished and of all
+    chunks. Write the store at the end. To an ArgumentError add a note about the chunks that are kept.
     """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
@@ -302,7 +305,7 @@ def _connect(scheduler_address: str) -> Any:
         needed = "the package distributed: pip install 'hingepair[dask]'"
         raise MissingDependencyError("scheduler", needed, str(error)) from None
     try:
-        return Client(scheduler_address, timeout=10.0)
+        return Client(scheduler_address, timeout=_SCHEDULER_CONNECTION_TIMEOUT_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
         raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
