@@ -21,17 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COMPONENT_COLOURS: Final = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-)  # of x, y, z: Okabe and Ito's blue, vermilion, green
+# Colours of the components x, y and z: Okabe and Ito's blue, vermilion and green.
+COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
 PATHS_CURVE_NAME: Final = "paths"
 """Name of the curve that holds the paths in space."""
-_MAX_TIME_CURVE_INTERVALS: Final = 2000
-"""Largest number of intervals of a curve over time: more than a panel has columns of pixels, also in print."""
-_MAX_SPACE_PATH_INTERVALS: Final = 20_000
-"""Largest number of intervals of a path in space, where the shape within an interval is visible."""
 
 
 class Curve(NamedTuple):
@@ -62,7 +55,9 @@ class CurveCollector:
             if array.ndim == 3:
                 values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            intervals = _MAX_SPACE_PATH_INTERVALS if name == PATHS_CURVE_NAME else _MAX_TIME_CURVE_INTERVALS
+            # A panel has fewer than 2000 columns of pixels, also in print. A path in space gets more intervals, since
+            # its shape within an interval is visible.
+            intervals = 20_000 if name == PATHS_CURVE_NAME else 2000
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 

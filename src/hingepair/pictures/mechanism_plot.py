@@ -28,21 +28,12 @@ if TYPE_CHECKING:
 
     from hingepair.mechanism.tree import Joint
 
-_PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")  # the columns of panels, by the level of the motion
+# Columns of panels; a motion without rates has the first only, a motion without accelerations the first two.
+_PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
 _TITLE_BY_QUANTITY: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
-# Colours of the paths of frames, which repeat.
-_PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
-_MAX_LIMIT_DISTANCE_TO_CURVE_RANGE: Final = 0.6
-"""Largest distance of a limit from a curve at which it is drawn, over the curve's span; farther ones are written."""
-_PANEL_SIZE_INCHES: Final = (3.5, 1.5)  # width and height of a panel
-_PATHS_PANEL_WIDTH_INCHES: Final = 5.0  # width of the panel of paths
-_MAX_PANEL_ROWS: Final = 12
-"""Largest number of rows of panels, plus one where there are hinges and sliders; further joints share panels."""
-_MAX_PATHS_PANEL_ROWS: Final = 6
-"""Number of rows of panels, from the first on, that the panel of paths spans at most."""
-_LIMIT_TEXT_HEADROOM_TO_CURVE_RANGE: Final = 0.3
-"""Space above a curve for a limit that is written, over the curve's span."""
+# Colours of joints that share a panel, and of the paths of frames; they repeat.
+_JOINT_AND_PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
@@ -106,10 +97,10 @@ def _draw_joint_panels(
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
     groups = _panel_groups(scene, joints)
     rows, columns = max(1, len(groups)), len(quantities)
-    width, height = _PANEL_SIZE_INCHES
-    size = width * columns + _PATHS_PANEL_WIDTH_INCHES, max(_PATHS_PANEL_WIDTH_INCHES, height * rows + 0.9)
+    width, height, paths_width = 3.5, 1.5, 5.0  # inches
+    size = width * columns + paths_width, max(paths_width, height * rows + 0.9)
     figure = figure_type(figsize=size, layout="constrained")
-    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_PANEL_WIDTH_INCHES))
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, paths_width))
     first: Any = None
     for row, group in enumerate(groups):
         for column, quantity in enumerate(quantities):
@@ -129,10 +120,10 @@ def _draw_joint_panels(
                     axes.legend(fontsize=6, loc="best")
     if PATHS_CURVE_NAME in curves:
         points = np.split(curves[PATHS_CURVE_NAME].values, len(scene.frames), axis=1)
-        colours = [_PATH_COLOURS[i % len(_PATH_COLOURS)] for i in range(len(points))]
+        colours = [_JOINT_AND_PATH_COLOURS[i % len(_JOINT_AND_PATH_COLOURS)] for i in range(len(points))]
         draw_paths(
             figure,
-            grid[:_MAX_PATHS_PANEL_ROWS, columns],
+            grid[:6, columns],
             dict(zip(scene.frames, points, strict=True)),
             colours,
             zoom=0.75,
@@ -144,7 +135,7 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
     """Return a list of groups of joints, each for one row of panels. A group has one joint, or, if the joints are
     many, several hinges or several sliders.
     """
-    size = -(-len(joints) // _MAX_PANEL_ROWS)
+    size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:
         return [[joint] for joint in joints]
     hinges = [joint for joint in joints if scene.unit(joint.name) == "rad"]
@@ -157,7 +148,7 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
     lines. Limits far from the curve of a single joint are given as text. `curves` holds the curves by name.
     """
     alone = len(joints) == 1
-    for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
+    for joint, colour in zip(joints, itertools.cycle(_JOINT_AND_PATH_COLOURS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
         draw_over_time(axes, "", "", curve)
         if not alone:
@@ -188,7 +179,7 @@ def _draw_limits(
     if not known or not finite.size:
         return
     least, most = float(finite.min()), float(finite.max())
-    reach = _MAX_LIMIT_DISTANCE_TO_CURVE_RANGE * max(most - least, 1e-3 * max(abs(least), abs(most)))
+    reach = 0.6 * max(most - least, 1e-3 * max(abs(least), abs(most)))
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:
@@ -199,7 +190,7 @@ def _draw_limits(
         both = len(far) == 2 and far[0] == -far[1]
         text = f"±{far[1]:.6g}" if both else ", ".join(f"{limit:.6g}" for limit in far)
         bottom, top = axes.get_ylim()
-        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM_TO_CURVE_RANGE * (top - bottom))
+        axes.set_ylim(bottom, top + 0.3 * (top - bottom))  # space for the text
         style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": colour}
         axes.text(0.98, 0.95, f"limit{'s' * (len(far) > 1)} {text}", transform=axes.transAxes, **style)
 

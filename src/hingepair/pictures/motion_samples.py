@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[Any]
 MAX_SPREAD_SAMPLES: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
-BODY2_RATE_OUTPUTS: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
+BODY2_RATE_OUTPUT_NAMES: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
 
 MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
@@ -107,7 +107,7 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
     """Return the names of the outputs to evaluate, a tuple: those in `outputs` or, if it is None, psi and the rates
     of body 2 that the scene's motion has.
     """
-    return (*BODY2_RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
+    return (*BODY2_RATE_OUTPUT_NAMES[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
@@ -159,7 +159,7 @@ def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
     """Return a dict of those of the given arrays that are rates of body 2, by name, as vectors in space; shape (N,
     3).
     """
-    return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUTS if name in arrays}
+    return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUT_NAMES if name in arrays}
 
 
 def _spatial_vectors(vectors: Array) -> Array:

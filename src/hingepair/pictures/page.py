@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,11 +32,6 @@ from hingepair.pictures.motion_samples import MAX_SPREAD_SAMPLES, Array, MotionS
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
-
-_DEFAULT_SAMPLES_PER_SECOND: Final = (
-    30  # [1/s] number of samples per second of a motion that is given without instants
-)
-_DISPLAYED_OUTPUT_NAMES: Final[tuple[str, ...]] = ("v2", "omega2")  # whose numbers the page shows beside psi
 
 
 def view(
@@ -179,7 +174,7 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     """
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
-    shown = {"psi": psi} | {name: readings[name] for name in _DISPLAYED_OUTPUT_NAMES if name in readings}
+    shown = {"psi": psi} | {name: readings[name] for name in ("v2", "omega2") if name in readings}
     motion = _PageMotion(samples.t, samples.samples, samples.bodies["R1"], samples.bodies["S1"], psi, shown)
     return pair_model(samples.pair, samples.title), motion
 
@@ -207,11 +202,7 @@ def _read_robot_motion(
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
-    instants = (
-        np.arange(len(positions)) / _DEFAULT_SAMPLES_PER_SECOND
-        if t is None
-        else real_array("t", t).astype(np.float64)
-    )
+    instants = np.arange(len(positions)) / 30 if t is None else real_array("t", t).astype(np.float64)
     if instants.shape != positions.shape[:1]:
         raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
     if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():

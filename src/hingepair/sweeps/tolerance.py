@@ -26,10 +26,12 @@ if TYPE_CHECKING:
 POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
-_MAX_STUDY_INSTANTS: Final = 101  # of a scene, evenly spread
-_MAX_SAMPLED_STATES_PER_BLOCK: Final = 200_000  # states of sampled pairs that are computed at a time
-_BAND_QUANTILES: Final = (0.025, 0.975)  # ends of the band
-_BAND_HALF_WIDTH_IN_STD: Final = 1.96  # half the width of that band of a normal distribution, in standard deviations
+# States (sampled pairs times instants) that are computed at a time.
+_MAX_SAMPLED_STATES_PER_BLOCK: Final = 200_000
+# Ends of the band, the middle 95 %.
+_BAND_QUANTILES: Final = (0.025, 0.975)
+# Half the width of this band of a normal distribution, in standard deviations.
+_BAND_HALF_WIDTH_IN_STD: Final = 1.96
 
 
 class Band(NamedTuple):
@@ -223,7 +225,7 @@ def study_tolerances(
     if not tolerances:
         expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"
         raise SceneError(f"{scene.path}: tolerances", expected, "none")
-    rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, _MAX_STUDY_INSTANTS)).astype(np.intp))
+    rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, 101)).astype(np.intp))
     pair, t = scene.space, np.asarray(scene.motion.t[rows])
     moved = scene.motion.source.part(rows, POSE).in_space(scene.pair)
     body1, psi = BodyMotion(R=moved.body1.R, S=moved.body1.S), moved.psi
