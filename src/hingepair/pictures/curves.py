@@ -35,7 +35,9 @@ class Curve(NamedTuple):
 
 
 class CurveCollector:
-    """Collects a figure's curves from consecutive pieces of a motion; attitudes become Euler angles XYZ [rad]."""
+    """Collects a figure's curves from consecutive pieces of a motion: `add_piece` adds a piece, and `curves` returns
+    the curves, of which long ones are thinned. Attitudes become Euler angles XYZ [rad].
+    """
 
     def __init__(self) -> None:
         self._pieces: dict[str, list[tuple[Array, Array]]] = {}  # t and values of each curve
@@ -68,7 +70,7 @@ class CurveCollector:
 
 
 def figure_class() -> type[Figure]:
-    """Import Matplotlib, and return its class `Figure`.
+    """Import Matplotlib, and return its class `Figure`. Raise a MissingDependencyError without Matplotlib.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.
@@ -95,8 +97,8 @@ def finish_figure(figure: Figure, title: str) -> Figure:
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
     """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples; NaN for
-    a matrix that is not finite. `previous_angles`, shape (1, 3) or (0, 3), are those of the sample before, from which
-    the angles continue.
+    a matrix that is not finite. They continue from `previous_angles`, the angles of the sample before, shape (1, 3),
+    or (0, 3) at the start.
 
     Args:
         S: attitudes; shape (N, 3, 3).
@@ -116,8 +118,9 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
 
 
 def _envelope_rows(values: Array, interval_size: int) -> Array:
-    """Return the increasing indices of the samples through which a curve looks the same as through all samples, shape
-    (N, components): of each interval of `interval_size` samples the ends and the extremes.
+    """Return an increasing array of the indices of the samples through which a curve looks the same as through all
+    its samples `values`, shape (N, components). From each interval of `interval_size` samples it takes the ends and
+    the extremes.
 
     These are the first and the last row of each interval, those with the smallest and the largest value of each
     component, and the first and the last with a value that is not finite.

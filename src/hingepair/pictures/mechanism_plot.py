@@ -132,8 +132,8 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return a list of groups of joints, each for one row of panels. A group has one joint, or, if the joints are
-    many, several hinges or several sliders.
+    """Return a list of groups of joints, each a list of joints for one row of panels. A group has one joint, or, of
+    more than 12 joints, several hinges or several sliders.
     """
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:
@@ -159,8 +159,8 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
 
 
 def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the lower and upper limit of a joint's q, qd or tau, whichever `quantity` names; infinite if there is
-    none.
+    """Return the tuple (lower, upper) of the limits of a joint's q, qd or tau, whichever `quantity` names; infinite
+    if there is none.
     """
     if quantity == "q":
         return joint.position_limits

@@ -61,8 +61,8 @@ class ShownMotion(NamedTuple):
 
 
 def spread_samples(source: object) -> ShownMotion:
-    """Return at most MAX_SPREAD_SAMPLES evenly spread samples of the motion of a scene or its result, a trajectory or
-    a pair, with the available rates of body 2. Raise an ArgumentError for any other source.
+    """Return a `ShownMotion` of at most MAX_SPREAD_SAMPLES evenly spread samples of the motion of a scene or its
+    result, a trajectory or a pair, with the available rates of body 2. Raise an ArgumentError for any other source.
 
     Raises:
         ArgumentError: the source has no motion in space to show.
@@ -80,9 +80,9 @@ def spread_rows(count: int) -> Rows:
 
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
-    """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, with the
-    outputs named in `outputs` or, if it is None, the rates of body 2. Raise an ArgumentError for another source or an
-    unknown output.
+    """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, as
+    `ShownMotion` objects, with the outputs named in `outputs` or, if it is None, the rates of body 2. Raise an
+    ArgumentError for another source or an unknown output.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
@@ -111,8 +111,8 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples of one piece of a scene's result, with the outputs named in `outputs`, or the rates of body
-    2 if it is None.
+    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or the rates of
+    body 2 if it is None.
     """
     arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
@@ -120,7 +120,7 @@ def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | 
 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return the samples of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
+    """Return a `ShownMotion` of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
     outputs named in `outputs`, or the rates of body 2 if it is None. Raise an ArgumentError for an unknown output.
     """
     t, pair, body1, psi, recorded = motion
@@ -135,9 +135,9 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return t, the pair, the motion of body 1, psi and further recorded arrays of a trajectory. A pair gives a
-    motion that turns the hinge through its limits, or through a whole turn, in 6 s. Raise an ArgumentError for
-    another source.
+    """Return a tuple of t, the pair, the motion of body 1, psi and a dict of further recorded arrays of a trajectory.
+    A pair gives a motion that turns the hinge through its limits, or through a whole turn, in 6 s. Raise an
+    ArgumentError for another source.
     """
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
@@ -156,9 +156,7 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return a dict of those of the given arrays that are rates of body 2, by name, as vectors in space; shape (N,
-    3).
-    """
+    """Return a dict of the rates of body 2 among the given arrays, by name, as vectors in space; shape (N, 3)."""
     return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUT_NAMES if name in arrays}
 
 

@@ -93,8 +93,8 @@ def view(
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
     """A page that shows a pair or a robot, as the text of one HTML file (`html`) that needs no other file and no
-    network. `frames` is the number of instants on the page, `samples` that of the motion, and `joints` that of the
-    sliders.
+    network. `frames` is the number of instants on the page, `samples` the number of instants of the motion, and
+    `joints` the number of sliders. The method `save` writes the file.
 
     Attributes:
         title: title of the motion.
@@ -169,8 +169,8 @@ class _PageMotion(NamedTuple):
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
-    """Return the page model and at most MAX_SPREAD_SAMPLES samples of the motion of a pair, a scene of a pair, or a
-    trajectory, a tuple.
+    """Return a tuple of the page model and a _PageMotion of a pair, a scene of a pair, or a trajectory, with at most
+    MAX_SPREAD_SAMPLES samples of the motion.
     """
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
@@ -180,8 +180,8 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
 
 
 def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
-    """Return the page model of the scene of a mechanism, and at most MAX_SPREAD_SAMPLES samples of its motion, as a
-    tuple of the two.
+    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SPREAD_SAMPLES
+    samples of the motion.
     """
     robot, rows = scene.mechanism, scene.spread(MAX_SPREAD_SAMPLES)
     known = scene.known(rows, 0)
@@ -194,8 +194,8 @@ def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
 def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
 ) -> _PageMotion:
-    """Check the arguments q, t and base_motion of `view`, each of which may be None; return them as at most
-    MAX_SPREAD_SAMPLES samples. Raise an ArgumentError if one cannot be used.
+    """Check the arguments q, t and base_motion of `view`, each of which may be None. Return a _PageMotion of at most
+    MAX_SPREAD_SAMPLES samples, at 30 per second if t is None. Raise an ArgumentError if one cannot be used.
     """
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)

@@ -89,8 +89,8 @@ class ToleranceStudy(Frozen, Shown):
     tolerances: Mapping[str, Any]
 
     def shares(self) -> dict[str, tuple[float, float]]:
-        """Return a dict from the name of each dimension to two fractions (0 to 1): those of the variances of R2 and
-        of the attitude that the dimension causes.
+        """Return a dict from the name of each dimension to a tuple of two fractions (0 to 1): the fraction of the
+        variance of R2 and the fraction of the variance of the attitude that the dimension causes.
 
         The variances are means over the instants. The dimension with the largest fraction comes first; dimensions
         without scatter are left out.

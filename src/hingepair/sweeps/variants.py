@@ -100,8 +100,8 @@ def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[s
 
 
 class VariantComputer:
-    """Computer of the outputs of a scene for any values of the varied numbers; what these do not change is computed
-    once and kept.
+    """Computer of the outputs of a scene for any values of the varied numbers: the method `compute` for one variant,
+    `compute_together` for many. What the varied numbers do not change is computed once and kept.
 
     Args:
         path: path of the scene file.
