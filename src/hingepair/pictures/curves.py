@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
 PATHS_CURVE_NAME: Final = "paths"
 """Name of the curve that holds the paths in space."""
+# A panel has fewer columns of pixels, also in print.
+_MAX_INTERVALS_OF_THINNED_TIME_CURVE: Final = 2000
+# More intervals than of a curve over time, since the shape of a path within an interval is visible.
+_MAX_INTERVALS_OF_THINNED_SPACE_PATH: Final = 20_000
 
 
 class Curve(NamedTuple):
@@ -57,9 +61,8 @@ class CurveCollector:
             if array.ndim == 3:
                 values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            # A panel has fewer than 2000 columns of pixels, also in print. A path in space gets more intervals, since
-            # its shape within an interval is visible.
-            intervals = 20_000 if name == PATHS_CURVE_NAME else 2000
+            is_path = name == PATHS_CURVE_NAME
+            intervals = _MAX_INTERVALS_OF_THINNED_SPACE_PATH if is_path else _MAX_INTERVALS_OF_THINNED_TIME_CURVE
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
