@@ -29,16 +29,15 @@ from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, tri
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
 
-MAX_COMPONENT_SYMBOLS: Final = 5_000
+MAX_SYMBOLS_PER_OUTPUT_COMPONENT: Final = 5_000
 """Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
-MAX_DERIVATIVE_SYMBOLS: Final = 2_000
+MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE: Final = 2_000
 """Largest number of symbols in a derivative of a coordinate, counted with repetition."""
-SYMBOLIC_CONSTANT_NAMES: Final = ("u1", "u2", "n")
+ALLOWED_SYMBOLIC_CONSTANT_NAMES: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 PAIR_CONSTANT_NAMES: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
-_COORDINATE_INPUT_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
-_ANGLE_SUM_RESULT_NAMES: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
+_Q_QD_QDD_INPUT_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
 
 
 class ClosedForms:
@@ -77,7 +76,7 @@ class ClosedForms:
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._working_forms: dict[str, Any] = constants | dict(
-            zip(_COORDINATE_INPUT_NAMES, zip(*coordinates, strict=True), strict=True)
+            zip(_Q_QD_QDD_INPUT_NAMES, zip(*coordinates, strict=True), strict=True)
         )
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
@@ -124,14 +123,14 @@ class ClosedForms:
         """
         check_outputs((name,), self.kind.levels)
         plan = make_plan(
-            (name,), self._sequence, self._home, _PLAN_TRIG_FUNCTIONS, self.kind, _COORDINATE_INPUT_NAMES
+            (name,), self._sequence, self._home, _EULER_AND_HINGE_TRIG_FUNCTIONS, self.kind, _Q_QD_QDD_INPUT_NAMES
         )
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
-                    result in _ANGLE_SUM_RESULT_NAMES
-                    or bool({*arguments} & {*_COORDINATE_INPUT_NAMES})
+                    result in ("angles", "phi2")  # sums of angles
+                    or bool({*arguments} & {*_Q_QD_QDD_INPUT_NAMES})
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
@@ -140,12 +139,12 @@ class ClosedForms:
     def _shorten(self, result_name: str, value: Any) -> Any:
         """Return the value of the result called `result_name`, one expression or a tuple of components, in the forms
         that further steps use. Store its forms to display. Raise an ArgumentError if a component has more than
-        MAX_COMPONENT_SYMBOLS symbols.
+        MAX_SYMBOLS_PER_OUTPUT_COMPONENT symbols.
         """
         pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
         longest = max(count_symbols(working) for working, _ in pairs)
-        if longest > MAX_COMPONENT_SYMBOLS:
-            expected = f"an output whose components have at most {MAX_COMPONENT_SYMBOLS} symbols"
+        if longest > MAX_SYMBOLS_PER_OUTPUT_COMPONENT:
+            expected = f"an output whose components have at most {MAX_SYMBOLS_PER_OUTPUT_COMPONENT} symbols"
             raise ArgumentError("outputs", expected, f"{result_name} with {longest}")
         working, self._display_forms[result_name] = zip(*pairs, strict=True)
         return working if isinstance(value, tuple) else working[0]
@@ -170,14 +169,14 @@ def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDeriva
         t = time_symbol()
         function = sympy.Function(name, real=True)(t)
         return function, function.diff(t), function.diff(t, 2)
-    expected = f"an expression whose derivatives have at most {MAX_DERIVATIVE_SYMBOLS} symbols"
+    expected = f"an expression whose derivatives have at most {MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE} symbols"
     program = DerivativeProgram()
     steps: dict[Expr, Expr] = {}
     try:
         derivatives = program.value_and_derivatives(expr)
         for symbol, step in program.steps_for([part for part in derivatives if part.is_Symbol]):
             expanded = steps[symbol] = step.xreplace(steps)
-            if count_symbols(expanded) > MAX_DERIVATIVE_SYMBOLS:
+            if count_symbols(expanded) > MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE:
                 raise ArgumentError(name, expected, f"{count_symbols(expanded)}")
         return expr, derivatives[1].xreplace(steps), derivatives[2].xreplace(steps)
     except ArgumentError:
@@ -228,5 +227,5 @@ def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
     return sine_expression(psi), 1 - cosine_expression(psi)
 
 
-_PLAN_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
-"""Sines and cosines that plans are made with: of Euler angles, and of psi."""
+_EULER_AND_HINGE_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+"""Functions that plans take for the sines and cosines of the Euler angles and of psi."""

@@ -12,20 +12,12 @@ import sympy
 from hingepair.equations import spatial as eq
 from hingepair.symbolic.kinks import Expr
 
-# Significant digits to which a squared length is computed, to find out whether it is rational.
-_SQUARED_LENGTH_DIGITS: Final = 50
-_MAX_SQUARED_LENGTH_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
-_SQUARED_LENGTH_REL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
-
 MAX_SQUARED_ENTRY_DENOMINATOR: Final = 1_000
 """Largest denominator of the square of an entry of a rotation or a unit vector that is recognised as a root."""
-_ENTRY_AND_ANGLE_TOLERANCE: Final = 4 * 2.0**-53
-"""Rounding error of a computed entry of a rotation [1] and of an angle [rad] within which a number is recognised."""
-_PI_FRACTION_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
-_MAX_ANGLE_DECIMALS: Final = 14  # decimal places of an angle of order one
-
-# Unit vectors along x, y and z.
-_COORDINATE_UNIT_VECTORS: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+_EXACT_ENTRY_TOLERANCE: Final = 4 * 2.0**-53
+"""Largest difference of an entry of a rotation from an exact number that it is taken for; relative to a root."""
+_EXACT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
+"""Largest difference [rad] of an angle from an exact number that it is taken for."""
 
 
 def exact(value: float) -> Expr:
@@ -41,11 +33,11 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _ENTRY_AND_ANGLE_TOLERANCE:
+    if abs(value - nearest) <= _EXACT_ENTRY_TOLERANCE:
         return sympy.Integer(int(nearest))
     square = Fraction(value * value).limit_denominator(MAX_SQUARED_ENTRY_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _ENTRY_AND_ANGLE_TOLERANCE * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _EXACT_ENTRY_TOLERANCE * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
@@ -55,15 +47,11 @@ def exact_angle(value: float) -> Expr:
     >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
     (pi/4, 3/10)
     """
-    step = math.pi / _PI_FRACTION_DENOMINATOR
-    if abs(value - round(value / step) * step) <= _ENTRY_AND_ANGLE_TOLERANCE:
-        return sympy.pi * sympy.Rational(round(value / step), _PI_FRACTION_DENOMINATOR)
-    short = next(
-        number
-        for k in range(_MAX_ANGLE_DECIMALS + 4)
-        if abs((number := round(value, k)) - value) <= _ENTRY_AND_ANGLE_TOLERANCE
-    )
-    return exact(short)
+    step = math.pi / 12
+    if abs(value - round(value / step) * step) <= _EXACT_ANGLE_TOLERANCE_RAD:
+        return sympy.pi * sympy.Rational(round(value / step), 12)
+    roundings = (round(value, decimals) for decimals in range(18))  # 17 decimals are closer than the tolerance
+    return exact(next(number for number in roundings if abs(number - value) <= _EXACT_ANGLE_TOLERANCE_RAD))
 
 
 def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
@@ -88,9 +76,9 @@ def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     """
     square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
     if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
-        value = square.evalf(_SQUARED_LENGTH_DIGITS)
-        near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_SQUARED_LENGTH_DENOMINATOR))
-        square = near if abs(near - value) <= _SQUARED_LENGTH_REL_TOLERANCE * abs(value) else square
+        value = square.evalf(50)  # significant digits
+        near = sympy.Rational(Fraction(str(value)).limit_denominator(1_000))
+        square = near if abs(near - value) <= sympy.Rational(1, 10**40) * abs(value) else square
     length = sympy.sqrt(square)
     return tuple(c / length for c in n)
 
@@ -114,9 +102,8 @@ def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
     >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
     (-1, 0, 0, 0, 0, 1, 0, 1, 0)
     """
-    roll, pitch, yaw = (
-        axis_rotation(axis, angle) for axis, angle in zip(_COORDINATE_UNIT_VECTORS, angles, strict=True)
-    )
+    axes = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(axes, angles, strict=True))
     return _expanded(eq.compose(eq.compose(yaw, pitch), roll))
 
 

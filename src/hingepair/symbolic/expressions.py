@@ -73,27 +73,29 @@ FUNCTION_SIGNATURE_BY_NAME: Final = MappingProxyType(
 )
 """Calls of all functions, by name."""
 
-NAMED_CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
+BUILTIN_CONSTANT_VALUE_BY_NAME: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
 """Constants that every expression knows, by name."""
 
 Number: TypeAlias = float | Expr
 """Value of a constant."""
 
 _FORBIDDEN_CHARACTER_PATTERN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # in a text
-_HINT_BY_CHARACTER_OR_NODE_TYPE: Final[Mapping[Any, str]] = {
+_HINT_BY_FORBIDDEN_CHARACTER: Final = {
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
+}  # how the operation of the character is written instead
+_HINT_BY_SYNTAX_NODE_TYPE: Final[Mapping[type[ast.expr], str]] = {
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
-}  # hints, by character or type of node
+}  # what is expected in place of a node of a type that is not allowed
 _REAL_HYPERBOLIC_FUNCTION_BY_NAME: Final = {
     "sinh": sinh,
     "cosh": cosh,
     "tanh": tanh,
 }  # used for arguments that SymPy does not know to be real
 _EXPECTED_NUMBER_TEXT = "a finite real number"  # in messages
-_MAX_SHOWN_CONSTANTS = 20  # constants in a message
+_MAX_CONSTANT_NAMES_IN_MESSAGE = 20  # constants in a message
 _MAX_FRAGMENT_CHARACTERS = 40  # characters of the text in a message
 # A word other than an operator.
 _OPERAND_WORD_PATTERN = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
@@ -160,22 +162,36 @@ def constant_name_fault(name: str) -> str | None:
     """
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
-    taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTION_NAMES)  # a constant may be called step or max: step(x) is a call
+    taken = (
+        "t",
+        *BUILTIN_CONSTANT_VALUE_BY_NAME,
+        *SMOOTH_FUNCTION_NAMES,
+    )  # a constant may be called step or max: step(x) is a call
     return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
 _Function: TypeAlias = Callable[..., Any]
-_OperatorGroup: TypeAlias = tuple[tuple[type, type], _Function, _Function, _Function]
-"""Both operators of a group, its operation on exact parts and on floats, and the inverse that the second applies."""
+
+
+class _OperatorGroup(NamedTuple):
+    """Operators + and -, or * and /, whose operands make one chain: `node_types`, the classes of both operators in
+    the syntax tree, and the functions `operate_exactly` and `operate_on_floats` that sum or multiply all operands.
+    `invert` is the function that the second operator, - or /, applies to its right operand first.
+    """
+
+    node_types: tuple[type[ast.operator], type[ast.operator]]
+    operate_exactly: _Function
+    operate_on_floats: _Function
+    invert: _Function
+
 
 # + and -.
-_SUM_OPERATOR_GROUP: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
+_SUM_OPERATOR_GROUP: Final = _OperatorGroup(
+    (ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg
+)
 # * and /.
-_PRODUCT_OPERATOR_GROUP: Final = (
-    (ast.Mult, ast.Div),
-    sympy.Mul,
-    lambda *factors: math.prod(factors),
-    lambda x: 1 / x,
+_PRODUCT_OPERATOR_GROUP: Final = _OperatorGroup(
+    (ast.Mult, ast.Div), sympy.Mul, lambda *factors: math.prod(factors), lambda x: 1 / x
 )
 
 
@@ -193,7 +209,11 @@ class _ExpressionBuilder:
         self.name = name
         self.line = re.sub(r"\s", " ", text, flags=re.ASCII)
         self.text = self.line.strip(" ")
-        self.constants = {**NAMED_CONSTANTS, **constants, **{key: sympy.Symbol(key, real=True) for key in symbols}}
+        self.constants = {
+            **BUILTIN_CONSTANT_VALUE_BY_NAME,
+            **constants,
+            **{key: sympy.Symbol(key, real=True) for key in symbols},
+        }
         self.column = 1 + len(self.line) - len(self.line.lstrip(" "))
         self.nodes = 0
 
@@ -205,7 +225,7 @@ class _ExpressionBuilder:
             self._fail(f"at most {MAX_EXPRESSION_CHARACTERS} characters", f"{len(self.line)}")
         if forbidden := _FORBIDDEN_CHARACTER_PATTERN.search(self.line):
             column = forbidden.start() + 1
-            hint = _HINT_BY_CHARACTER_OR_NODE_TYPE.get(forbidden[0], "")
+            hint = _HINT_BY_FORBIDDEN_CHARACTER.get(forbidden[0], "")
             self._fail(f"an expression in t{hint}", f"character {forbidden[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
@@ -238,7 +258,7 @@ class _ExpressionBuilder:
                 return self._build_power(node, depth + 1)
             case ast.Call():
                 return self._build_call(node, depth + 1)
-        self._refuse(node, _HINT_BY_CHARACTER_OR_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
+        self._refuse(node, _HINT_BY_SYNTAX_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _build_number(self, node: ast.Constant) -> _ParsedPart:
         """Return the parsed part of a number as an exact rational. Raise an ArgumentError if it is not finite, or if
@@ -266,15 +286,15 @@ class _ExpressionBuilder:
         """Return the parsed part of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
         `operator_group` tells apart. A chain of any length counts as one level of nesting.
         """
-        operators, operate_exactly, operate_on_floats, invert = operator_group
+        node_types, operate_exactly, operate_on_floats, invert = operator_group
         inverted_operands, is_inverted, current = [], False, node
         while True:
-            if isinstance(current, ast.BinOp) and isinstance(current.op, operators):
-                inverted_operands.append((is_inverted ^ isinstance(current.op, operators[1]), current.right))
+            if isinstance(current, ast.BinOp) and isinstance(current.op, node_types):
+                inverted_operands.append((is_inverted ^ isinstance(current.op, node_types[1]), current.right))
                 current = current.left
             elif (
                 isinstance(current, ast.UnaryOp)
-                and ast.Sub in operators
+                and ast.Sub in node_types
                 and isinstance(current.op, ast.UAdd | ast.USub)
             ):
                 is_inverted ^= isinstance(current.op, ast.USub)
@@ -448,7 +468,7 @@ class _ExpressionBuilder:
         names = (
             *FUNCTION_SIGNATURE_BY_NAME,
             "t",
-            *list(self.constants)[: _MAX_SHOWN_CONSTANTS + len(NAMED_CONSTANTS)],
+            *list(self.constants)[: _MAX_CONSTANT_NAMES_IN_MESSAGE + len(BUILTIN_CONSTANT_VALUE_BY_NAME)],
         )
         column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_CHARACTERS]
         hint = f" ({_HINT_BY_UNKNOWN_NAME[short]})" if short in _HINT_BY_UNKNOWN_NAME else nearest(short, names)

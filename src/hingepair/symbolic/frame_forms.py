@@ -367,17 +367,17 @@ class _LineNamer:
                         waiting.append(self._definitions[part])
         return uses
 
-    def _add_line(self, row: _EquationLine) -> None:
+    def _add_line(self, line: _EquationLine) -> None:
         """Append the equation line of a component, after the lines that it uses and that are missing. Its label
         replaces the symbol that it defines in later lines.
         """
-        symbol = _defined_symbol(row, self._definitions)
-        if symbol is None or symbol in self._names or self._defining_lines[symbol] is not row:
-            self._lines.append(_EquationLine(row.labels, self._replace_symbols(row.expr)))
+        symbol = _defined_symbol(line, self._definitions)
+        if symbol is None or symbol in self._names or self._defining_lines[symbol] is not line:
+            self._lines.append(_EquationLine(line.labels, self._replace_symbols(line.expr)))
             return
-        sign = 1 if symbol == row.expr else -1
-        self._lines.append(_EquationLine(row.labels, sign * self._replace_symbols(self._definitions[symbol])))
-        self._names[symbol] = sign * sympy.Symbol(row.labels[0], real=True)
+        sign = 1 if symbol == line.expr else -1
+        self._lines.append(_EquationLine(line.labels, sign * self._replace_symbols(self._definitions[symbol])))
+        self._names[symbol] = sign * sympy.Symbol(line.labels[0], real=True)
 
     def _replace_symbols(self, expr: Expr) -> Expr:
         """Return an expression in which defined symbols are replaced by the labels or names of lines. Append the
@@ -401,11 +401,11 @@ class _LineNamer:
         return self._names[symbol]
 
 
-def _defined_symbol(row: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
+def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
     """Return the symbol out of `definitions` that, with either sign, is the whole expression of the equation line;
     None if it is none of them.
     """
-    return next((symbol for symbol in (row.expr, -row.expr) if symbol in definitions), None)
+    return next((symbol for symbol in (line.expr, -line.expr) if symbol in definitions), None)
 
 
 def _display_terms(expr: Expr) -> tuple[Expr, ...]:

@@ -35,10 +35,12 @@ MatrixExpr: TypeAlias = tuple[Expr, ...]
 
 SYMBOLIC_POINTS_OPTION: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
-_PARALLEL_AXES_TOLERANCE: Final = 16 * 2.0**-53
+_PARALLEL_AXES_COMPONENT_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
-_RIGHT_ANGLE_AND_ZERO_TOLERANCE: Final = 4 * 2.0**-53
-"""Rounding error of a right angle [rad], and of a component relative to the largest."""
+_RIGHT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
+"""Largest difference [rad] from a multiple of pi/2 of an angle that counts as such a multiple."""
+_ZERO_COMPONENT_REL_TOLERANCE: Final = 4 * 2.0**-53
+"""Largest size, relative to the largest component of a point, of a component that counts as 0."""
 _ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 # The rotation by no angle, row by row.
 _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
@@ -97,7 +99,9 @@ class _ParallelJoints:
         if self.direction is None:
             return 0
         turned = self.fixed @ axis
-        return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_AXES_TOLERANCE), 0)
+        return next(
+            (k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_AXES_COMPONENT_TOLERANCE), 0
+        )
 
     def to_group_axes(self, vector: Sequence[Expr]) -> VectorExpr:
         """Return a vector in the axes of the last body, converted to the axes of the group at angle 0."""
@@ -122,12 +126,12 @@ class _ParallelJoints:
         not a right angle about x, y or z, add the angle to the group's angle instead.
         """
         n = None if self.direction is None else self.fixed.T @ self.direction
-        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_TOLERANCE:
+        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_COMPONENT_TOLERANCE:
             doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
             angle = math.atan2(float(n @ doubled_sines) / 2, float(np.trace(S) - 1) / 2)
             quarters = round(angle / (math.pi / 2))
-            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_AND_ZERO_TOLERANCE
-            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_AXES_TOLERANCE) > 1):
+            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_TOLERANCE_RAD
+            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_AXES_COMPONENT_TOLERANCE) > 1):
                 self.angle += exact_angle(angle)
                 return
         self.fixed = self.fixed @ S  # a right angle about x, y or z only exchanges components
@@ -219,7 +223,7 @@ class FrameProgram:
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
-            if abs(value) <= _RIGHT_ANGLE_AND_ZERO_TOLERANCE * size:
+            if abs(value) <= _ZERO_COMPONENT_REL_TOLERANCE * size:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:

@@ -9,8 +9,8 @@ from typing import Final
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import Writer, join_terms, latex_name, signed_terms, to_text
 
-_MAX_LATEX_LINE_CHARACTERS: Final = 90  # characters of the terms, as plain text, in a line of LaTeX
-_CONTINUATION_INDENT: Final = " " * 6  # of continued lines
+_MAX_PLAIN_TEXT_CHARACTERS_PER_LATEX_LINE: Final = 90  # characters of the terms, as plain text, in a line of LaTeX
+_CONTINUATION_LINE_PREFIX: Final = " " * 6  # of continued lines
 _NO_BREAK_SPACE: Final = "\N{NO-BREAK SPACE}"  # a blank at which no line is broken
 
 
@@ -35,8 +35,8 @@ def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int)
     pieces = textwrap.wrap(
         fixed,
         width,
-        initial_indent=_CONTINUATION_INDENT if line.startswith(_CONTINUATION_INDENT) else "",
-        subsequent_indent=_CONTINUATION_INDENT,
+        initial_indent=_CONTINUATION_LINE_PREFIX if line.startswith(_CONTINUATION_LINE_PREFIX) else "",
+        subsequent_indent=_CONTINUATION_LINE_PREFIX,
         break_long_words=False,
         break_on_hyphens=False,
     )
@@ -53,7 +53,7 @@ def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[
         [join_terms(terms[:1], format_term), *signed_terms(terms[1:], format_term)], terms, strict=True
     ):
         size = len(to_text(term))
-        if filled + size > _MAX_LATEX_LINE_CHARACTERS and filled:
+        if filled + size > _MAX_PLAIN_TEXT_CHARACTERS_PER_LATEX_LINE and filled:
             lines.append(line)
             line, filled = "&\\quad", 0
         line += f" {text}"

@@ -24,7 +24,7 @@ _MAX_PRINTED_FRACTION_INTEGER: Final = 10**6  # largest numerator or denominator
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
 _MAX_EXACT_NUMBER_CHARACTERS: Final = 18
-_MIN_SUM_TO_LARGEST_TERM: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+_ZERO_SUM_REL_TOLERANCE: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
 _MAX_DENOMINATOR_AMONG_DECIMALS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
@@ -98,12 +98,10 @@ def _decimal_text(value: Expr, max_denominator: int = _MAX_READABLE_DENOMINATOR)
     if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return (
-        _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_PRINTED_FRACTION_INTEGER else None
-    )
+    return _float_text(value) if terminates or max(abs(value.p), value.q) > _MAX_PRINTED_FRACTION_INTEGER else None
 
 
-def _seventeen_digits(value: Expr) -> str:
+def _float_text(value: Expr) -> str:
     """Return a rational number as decimal text, the shortest that gives its float, or 17 digits beyond the range of
     floats.
     """
@@ -346,7 +344,7 @@ def _short_constant(constant: Expr) -> Expr:
     if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_NUMBER_CHARACTERS:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _MIN_SUM_TO_LARGEST_TERM * max(
+    if abs(value) <= _ZERO_SUM_REL_TOLERANCE * max(
         abs(constant_value(term)) for term in sympy.Add.make_args(constant)
     ):
         return sympy.S.Zero

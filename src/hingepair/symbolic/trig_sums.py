@@ -124,7 +124,7 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
     if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
         raise _TooManyTermsError
     return _collect_terms(
-        (wave, x * y * z) for v, x in a.items() for w, y in b.items() for wave, z in _multiply_factors(v, w)
+        (wave, x * y * z) for v, x in a.items() for w, y in b.items() for wave, z in _multiply_terms(v, w)
     )
 
 
@@ -142,7 +142,7 @@ def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
 
 
 @functools.lru_cache(maxsize=65536)
-def _multiply_factors(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fraction], ...]:
+def _multiply_terms(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fraction], ...]:
     """Return the product of two terms as a tuple of (term, coefficient) pairs, by formulas such as 2 sin a cos b =
     sin(a - b) + sin(a + b).
     """
