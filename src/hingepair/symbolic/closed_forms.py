@@ -41,11 +41,11 @@ _Q_QD_QDD_INPUT_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their deriv
 
 
 class ClosedForms:
-    """Closed forms of a pair's motion (E1-E11). The attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1,
-    are SymPy matrices or expressions.
+    """Closed forms of a pair's motion (E1-E11) as functions of t, derived when first accessed. The attributes `R2`,
+    `S2`, `d`, `v2` and so on, and those of body 1 such as `R1` and `omega1`, are SymPy matrices or expressions.
 
-    Each form is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. It is derived
-    at the first access, and intermediate results are kept for other forms.
+    Each form is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. Intermediate
+    results are kept for other forms.
 
     Args:
         pair: one pair; its numbers are made exact as `hingepair.derive` describes.

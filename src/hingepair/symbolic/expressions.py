@@ -196,7 +196,9 @@ _PRODUCT_OPERATOR_GROUP: Final = _OperatorGroup(
 
 
 class _ParsedPart(NamedTuple):
-    """Parsed part of an expression: the SymPy expression, and its float if it has no t, otherwise None."""
+    """Parsed part of an expression: `expr`, its SymPy expression, and `value`, its float, which is None if the part
+    depends on t or on symbols.
+    """
 
     expr: Expr
     value: float | None
@@ -319,7 +321,7 @@ class _ExpressionBuilder:
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
         """Return the parsed part of the syntax node of a function call, at a nesting depth. Raise an ArgumentError
-        for an unknown function or wrong arguments.
+        for an unknown function, a wrong number of arguments, or an argument that is not allowed.
         """
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
@@ -357,8 +359,8 @@ class _ExpressionBuilder:
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:
-        """Return the guard of a condition: an expression that is at least 0 exactly where the condition of the syntax
-        node holds. Raise an ArgumentError for other syntax.
+        """Return the guard of a condition: a SymPy expression that is at least 0 exactly where the condition of the
+        syntax node holds. Raise an ArgumentError for other syntax, and for too many or too deep nodes.
         """
         self._count_node(node, depth)
         match node:

@@ -57,7 +57,8 @@ class _EquationLine(NamedTuple):
 
 class FrameForms:
     """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7): attributes R,
-    S, jacobian, v and omega, immutable SymPy matrices.
+    S, jacobian, v and omega, immutable SymPy matrices in the symbols of the robot's coordinates and rates. The
+    methods write them as text, LaTeX, Python and SymPy source.
 
     The matrices are in world axes and in the symbols `q` and `qd`: R (3, 1), S (3, 3), jacobian (6, dof) with the
     rows of v before those of omega, v (3, 1) and omega (3, 1). Each number of the robot is the rational number that

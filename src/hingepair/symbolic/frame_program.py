@@ -47,8 +47,8 @@ _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for
 
 
 class _Lever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints, at angle 0, and the angle by which the group
-    rotates it.
+    """Vector that is fixed in a body of a group of parallel joints: `vector`, its components at angle 0, and `angle`,
+    by which the group rotates it.
     """
 
     angle: Expr  # that rotates it about the group's axis [rad]
@@ -56,8 +56,8 @@ class _Lever(NamedTuple):
 
 
 class _HingePart(NamedTuple):
-    """Hinge in a group of parallel joints: `column`, that of its coordinate in q, and `ratio`, its rate divided by
-    that coordinate's rate.
+    """Hinge in a group of parallel joints: `column`, the index of its coordinate in q, and `ratio`, its rate about
+    the group's axis divided by the rate of this coordinate.
     """
 
     column: int  # of its coordinate in q
@@ -65,8 +65,9 @@ class _HingePart(NamedTuple):
 
 
 class _SliderPart(NamedTuple):
-    """Slider in a group of parallel joints: `angle`, which rotates it with the group, its direction, its position
-    along it (`shift`), the column of its coordinate in q, and the ratio of its rate to that coordinate's rate.
+    """Slider in a group of parallel joints: `angle`, by which the group rotates it, `direction`, its unit vector at
+    angle 0, `shift`, its position along it, `column`, the index of its coordinate in q, and `ratio`, its rate divided
+    by the rate of this coordinate.
     """
 
     angle: Expr  # that rotates it about the group's axis [rad]
@@ -77,8 +78,8 @@ class _SliderPart(NamedTuple):
 
 
 class _ParallelJoints:
-    """Group of consecutive joints with parallel axes, and of sliders between them. Its vectors are in the axes of the
-    first joint's parent.
+    """Group of consecutive joints with parallel axes, and of sliders between them, to which joints are appended. Its
+    levers, hinges and sliders are the list `parts`; its vectors are in the axes of the first joint's parent.
 
     The first group has no axis: it holds the levers and sliders before the first hinge.
     """
@@ -138,8 +139,8 @@ class _ParallelJoints:
 
 
 class FrameProgram:
-    """Program of expressions for the position, attitude, Jacobian and velocity of one frame of a robot. Repeated
-    sums, sines and cosines are symbols with definitions.
+    """Program of expressions for the position, attitude, Jacobian and velocity of one frame of a robot: `results`
+    maps each output's name to a tuple of components. Repeated sums, sines and cosines are symbols with definitions.
 
     Args:
         tree: the robot, whose base rests at the origin.

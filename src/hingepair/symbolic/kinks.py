@@ -105,7 +105,9 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """Base class of the SymPy functions Larger and Smaller of two arguments."""
+    """Base class of the SymPy functions Larger and Smaller of two arguments; `sense` is 1 for Larger, -1 for
+    Smaller.
+    """
 
     nargs = 2
     sense = 0
