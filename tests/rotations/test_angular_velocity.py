@@ -141,6 +141,15 @@ def test_few_samples_and_single_precision():
     assert hp.angular_velocity_from_samples(range(9), np.broadcast_to(np.eye(3), (9, 3, 3))).tolist() == [[0] * 3] * 9
 
 
+def test_clock_stamps_are_instants():
+    milliseconds = np.arange(7) * 10
+    S = reference(milliseconds * 1e-3)
+    expected = hp.angular_velocity_from_samples(milliseconds * 1e-3, S)
+    stamps = np.datetime64("2026-01-01T00:00", "ms") + milliseconds
+    for t in (stamps, stamps.astype("datetime64[ns]").astype(np.int64)):
+        np.testing.assert_allclose(hp.angular_velocity_from_samples(t, S), expected, rtol=1e-12)
+
+
 T = np.arange(20) / 100
 REFUSED = {
     "too few": ((T[:6], reference(T[:6])), "t: expected shape"),

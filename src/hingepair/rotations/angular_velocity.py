@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, real_array, result_dtype, vectors
+from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, result_dtype, vectors
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.finite_differences import check_instants, stencils
+from hingepair.numeric.finite_differences import stencils
+from hingepair.numeric.instants import instants_of
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
 ANGULAR_VELOCITY_ERROR_ORDERS = (2, 4, 6, 8)  # in the time step
@@ -110,7 +111,8 @@ def angular_velocity_from_samples(
         8        1.2              6.8
 
     Args:
-        t: instants [s], increasing, not necessarily uniform; shape (N,) with N > order.
+        t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970; shape
+            (N,) with N > order.
         S: rotation matrices, body to world, at the instants t; shape (..., N, 3, 3).
         order: power of the time step to which the error of omega is proportional: 2, 4, 6 (the default) or 8.
         with_alpha: whether to return the angular acceleration alpha too; False by default. If the time steps are
@@ -136,9 +138,8 @@ def angular_velocity_from_samples(
     """
     if isinstance(order, bool) or order not in ANGULAR_VELOCITY_ERROR_ORDERS:
         raise ArgumentError("order", f"one of {', '.join(map(str, ANGULAR_VELOCITY_ERROR_ORDERS))}", quoted(order))
-    instants, attitude = real_array("t", t), vectors("S", S, 3, 3)
-    dtype = result_dtype((instants, attitude))
-    time = check_instants("t", instants, order)
+    time, attitude = instants_of("t", t, order), vectors("S", S, 3, 3)
+    dtype = result_dtype((np.asarray(t), attitude))
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:
         raise ArgumentError("S", f"shape (..., {time.size}, 3, 3), a rotation for each t", f"shape {attitude.shape}")
     check_rotation("S", attitude)
