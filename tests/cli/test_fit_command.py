@@ -167,7 +167,7 @@ def test_columns_that_are_missing_are_named(tmp_path):
     point = Record(made.t, {"R1": made.R1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "b.npz")
     assert "a body that is known by its position alone must be body 2" in refused(point)
     file = saved_columns(tmp_path / "c.npz", made, R2=made.R2, enc=made.psi)
-    assert "encoder: expected none beside a body 2 without attitudes" in refused(file, "--encoder", "enc")
+    assert "encoder: expected None, since body 2 has no attitudes" in refused(file, "--encoder", "enc")
     assert "report: expected a file name that ends in .md" in refused(file, "--report", tmp_path / "fit.pdf")
 
 

@@ -205,9 +205,9 @@ HERE = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
         (lambda: hp.to_mjcf(BEAM, gravity=(0, 1)), "gravity: expected shape"),
         (lambda: hp.to_mjcf(BEAM, base="floating"), "base: expected one of free, pinned, fixed"),
         (lambda: hp.to_urdf(BEAM, base="pinned"), "base: expected one of free, floating, fixed"),
-        (lambda: hp.to_urdf(BEAM, body1=HERE), 'body1: expected None beside base="free"'),
-        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), hinge_torque=SPRING), "hinge_torque: expected None beside a robot"),
-        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), base="fixed", body1=HERE), "body1: expected None beside a robot"),
+        (lambda: hp.to_urdf(BEAM, body1=HERE), 'body1: expected None, since a model with base="free"'),
+        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), hinge_torque=SPRING), "hinge_torque: expected None, since a robot"),
+        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), base="fixed", body1=HERE), "body1: expected None, since a robot"),
     ],
 )
 def test_what_cannot_be_written_is_refused_by_name(write, message):

@@ -109,7 +109,7 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
         ({"time": MADE.t}, r"'time': expected columns of poses \(nearest: t\), or --ignore 'time'"),
         ({"px1": MADE.t}, r"nearest: x1\)"),
         ({"pos_z": MADE.t}, r"nearest: z\)"),
-        ({"y2": None}, "y2: expected a column, beside x2, z2, got none"),
+        ({"y2": None}, "y2: expected a column, since the file has x2, z2, got none"),
         ({"qw1": None}, "qw1: expected a column"),
     ],
     ids=["unknown", "misspelt", "time", "px1", "pos_z", "lacking", "no scalar"],

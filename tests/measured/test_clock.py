@@ -121,7 +121,7 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
     assert " +- " in lines[1]
     assert lines[1].endswith(f" ms{later}")
     assert lines[2] == "clock offset: 0 ms (given)"
-    with pytest.raises(hp.ArgumentError, match="t: expected instants beside clock_offset"):
+    with pytest.raises(hp.ArgumentError, match="t: expected instants, since clock_offset is given"):
         hp.fit(body1, body2, clock_offset=0.01)
     with pytest.raises(
         hp.ArgumentError, match="clock_offset: expected a time by which both recordings still overlap"

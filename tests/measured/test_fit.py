@@ -269,7 +269,7 @@ OTHERS = {
     ),
     "sliding hinge": ({"slip": 0.1 * SLOW[:, None] * N1}, "Body 2 slides along the axis, by 0.07 m rms"),
     "screw": ({"slip": 0.02 * PSI[:, None] * N1}, "a sliding hinge, or a screw"),
-    "little turning": ({"turn": 0.01, "metres": 1e-3, "radians": 2e-3}, "little beside attitudes that are off by"),
+    "little turning": ({"turn": 0.01, "metres": 1e-3, "radians": 2e-3}, "little relative to attitude errors of"),
 }
 
 
@@ -287,7 +287,7 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
 
 NO_HINGE = (
     "No hinge point stays|no point stays|do not turn about one axis|slides along the axis|sliding hinge|wanders|"
-    "large beside the levers|little beside attitudes"
+    "large relative to the levers|little relative to attitude errors"
 )
 ACROSS = np.cross(N1, (1.0, 0, 0)) / np.linalg.norm(np.cross(N1, (1.0, 0, 0)))
 DEFECTS = {

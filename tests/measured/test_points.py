@@ -124,7 +124,7 @@ def test_points_that_show_nothing_are_refused() -> None:
             hp.fit(body1, hp.BodyMotion(R=path))
     with pytest.raises(hp.FitError, match="at least four samples"):
         hp.fit(*bodies(recording(3)))
-    with pytest.raises(hp.ArgumentError, match="encoder: expected none beside a body 2 without attitudes"):
+    with pytest.raises(hp.ArgumentError, match="encoder: expected None, since body 2 has no attitudes"):
         hp.fit(*bodies(made), encoder=made.psi)
 
 

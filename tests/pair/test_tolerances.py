@@ -137,7 +137,7 @@ NEGATIVE = np.diag([1.0] * 11 + [-1.0])
         ({"covariance": np.eye(11)}, r"covariance: expected shape \(12, 12\)"),
         ({"covariance": NEGATIVE}, "covariance: expected a covariance"),
         ({"covariance": np.zeros((12, 12))}, "covariance: expected a covariance"),
-        ({"covariance": np.eye(12), "u2_std": 1}, "u2_std: expected 0 beside covariance"),
+        ({"covariance": np.eye(12), "u2_std": 1}, "u2_std: expected 0, since covariance"),
     ],
 )
 def test_what_cannot_be_used_is_named(given, message):

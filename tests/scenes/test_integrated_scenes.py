@@ -199,7 +199,9 @@ def test_the_level_follows_the_log(tmp_path):
             *(f"{k / 10},{k / 10},0,1{row[row.index(',') :]}" for k, row in enumerate(rows)),
         ]
     )
-    with pytest.raises(hp.SceneError, match=re.escape("v1_x: expected a column beside x (or differentiate = true)")):
+    with pytest.raises(
+        hp.SceneError, match=re.escape("v1_x: expected a column, since the log has x (or differentiate = true)")
+    ):
         scene_of(tmp_path, LOGGED, moving)
     moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", moving).evaluate(("v1", "R1"))
     np.testing.assert_allclose(moved.v1, [[1, 0, 0]] * 12, rtol=0, atol=1e-13)
@@ -265,12 +267,12 @@ def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
         ('integrate = "yes"', LOG, "motion.integrate: expected true or false"),
         ("differentiate = 1", LOG, "motion.differentiate: expected true or false"),
         ("tol = 1e-9", LOG, "motion.tol: expected one of"),
-        ("integrate = false\npsi_0 = 1", LOG, "motion.psi_0: expected integrate = true beside it"),
-        ("unwrap = true", LOG, "motion.unwrap: expected a log with angles beside it"),
+        ("integrate = false\npsi_0 = 1", LOG, "motion.psi_0: expected no such key without integrate = true"),
+        ("unwrap = true", LOG, "motion.unwrap: expected no such key for a log of rates"),
         ("integrate = false", LOG, "phi_x: expected .* or motion.integrate = true"),
         ("", None, r"my.toml: motion.file: expected .*, got no such file: .*log\.csv"),
         ("", LOG.replace(",psid", ",psidd"), "log.csv: psid: expected a column, got no such column"),
-        ("", LOG.replace("omega1_z", "alpha1_z"), "log.csv: omega1_z: expected a column beside omega1_x"),
+        ("", LOG.replace("omega1_z", "alpha1_z"), "log.csv: omega1_z: expected a column, since the log has omega1_x"),
         ("", LOG.replace("psid", "psi"), "log.csv: psi: expected columns of rates and of R1"),
         ("", LOG.replace("t,", "v1_x,", 1), "log.csv: t: expected a column"),
         ("", with_columns("v1_x,v1_y,v1_z", "1,0,0"), "log.csv: x: expected a column"),

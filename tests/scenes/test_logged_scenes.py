@@ -249,7 +249,10 @@ def test_angles_within_one_turn_are_unwrapped_where_they_jump_by_a_whole_one(tmp
 
 
 def test_unwrap_goes_with_differentiate(tmp_path):
-    for value, message in (("true", "expected differentiate = true beside it"), ("1", "expected true or false")):
+    for value, message in (
+        ("true", "expected no such key without differentiate = true"),
+        ("1", "expected true or false"),
+    ):
         with pytest.raises(hp.SceneError, match=rf"motion\.unwrap: {message}"):
             scene_of(tmp_path, some(moving(), "t", *EULER), f"unwrap = {value}\n")
 

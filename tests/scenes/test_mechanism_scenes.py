@@ -371,7 +371,10 @@ BAD = {
     "misspelt table": (JOINTS + "[mechanisim]\n", "mechanisim: .*nearest: mechanism"),
     "robot beside joints": (JOINTS + "[mechanism]\nrobot = 'panda'\n", "mechanism.robot: expected no such key"),
     "locked joints": (JOINTS + "[mechanism]\nlocked = { ram = 0 }\n", "mechanism.locked: expected no such key"),
-    "free base": (JOINTS + "[mechanism]\nbase = 'free'\n", r'mechanism.base: expected "fixed", or a table \[base\]'),
+    "free base": (
+        JOINTS + "[mechanism]\nbase = 'free'\n",
+        r'mechanism.base: expected "fixed", or "free" together with a table \[base\]',
+    ),
     "base": (JOINTS + "[mechanism]\nbase = 'pinned'\n", "mechanism.base: expected one of fixed, free"),
     "key": (JOINTS + "[mechanism]\ngravty = 1\n", "mechanism.gravty: .*nearest: gravity"),
     "gravity": (JOINTS + "[mechanism]\ngravity = [0, 0]\n", "mechanism.gravity: expected 3 finite numbers"),
@@ -423,8 +426,8 @@ BAD_MOTIONS = {
         "panda_joint2 = { t = [1, 0], value = [0, 1] }",
         "motion.panda_joint2.t: expected instants that in",
     ),
-    "no log": ("file = 'a.csv'", "time: expected no such table beside motion.file"),
-    "differentiate": ("differentiate = true", "motion.differentiate: expected file = "),
+    "no log": ("file = 'a.csv'", "time: expected no such table, since the column t of motion.file"),
+    "differentiate": ("differentiate = true", "motion.differentiate: expected no such key without file = "),
     "beside a file": ("file = 'a.csv'\npanda_joint2 = 0", "time: expected no such table"),
 }
 
@@ -446,8 +449,8 @@ BAD_LOGS = {
     "unknown": ("t,bom\n0,0\n", "'bom': .*nearest: boom"),
     "results": ("t,boom,R_ram_x\n0,0,0\n", "'R_ram_x': .*a column of results"),
     "rate alone": ("t,boom,stickd\n0,0,0\n", "stick: expected a column"),
-    "some rates": ("t,boom,boomd,ram\n0,0,0,0\n", "ramd: expected a column, beside rates of other joints"),
-    "second without first": ("t,boom,boomdd\n0,0,0\n", "boomd: expected a column beside boomdd"),
+    "some rates": ("t,boom,boomd,ram\n0,0,0,0\n", "ramd: expected a column, since the log has rates of other joints"),
+    "second without first": ("t,boom,boomdd\n0,0,0\n", "boomd: expected a column, since the log has boomdd"),
     "no joint": ("t\n0\n", "boom: expected a column for each joint that moves, got none of them"),
     "no instants": ("boom\n0\n", "t: expected a column, got no such column"),
 }

@@ -62,7 +62,11 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
 @pytest.mark.parametrize(
     ("text", "more", "words"),
     [
-        (PAIR + "differentiate = true\n", (), "motion.smooth: expected neither differentiate nor integrate"),
+        (
+            PAIR + "differentiate = true\n",
+            (),
+            "motion.smooth: expected no such key together with differentiate or integrate",
+        ),
         (PAIR, ("psid",), "psid: expected samples of x, y, z, of an attitude and of psi"),
         (PAIR + "unwrap = true\n", (), "unwrap"),
     ],

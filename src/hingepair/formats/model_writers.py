@@ -118,10 +118,12 @@ def to_urdf(
     if isinstance(pair, Mechanism):
         for name, value in (("hinge_torque", hinge_torque), ("body1", body1)):
             if value is not None:
-                raise ArgumentError(name, "None beside a robot, which has no single hinge", quoted(value))
+                raise ArgumentError(name, "None, since a robot has no single hinge", quoted(value))
         return robot_to_urdf(pair, base)
     if body1 is not None and base != "fixed":
-        raise ArgumentError("body1", f'None beside base="{base}", whose place is not in the model', quoted(body1))
+        raise ArgumentError(
+            "body1", f'None, since a model with base="{base}" does not hold the pose of body 1', quoted(body1)
+        )
     hinge_load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
     parts = _pair_parts(pair)
     robot = ET.Element("robot", {"name": pair.name})

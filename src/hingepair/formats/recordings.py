@@ -214,7 +214,9 @@ def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, 
     for name in names:
         if name not in columns:
             raise ArgumentError(
-                f"{path}: {name}", f"a column, beside {', '.join(_present_columns(columns, names))}", "none"
+                f"{path}: {name}",
+                f"a column, since the file has {', '.join(_present_columns(columns, names))}",
+                "none",
             )
     return np.stack([columns[name] for name in names], axis=-1)
 

@@ -123,7 +123,7 @@ def judge_hinge(
     if residuals.unresolved_lag and not _residuals_are_rounding(residuals, poses, np.ones_like(is_outlier)):
         text = (
             f"What is left of the samples is correlated over {residuals.unresolved_lag} samples and more, too long "
-            "beside the whole recording: the standard deviations are too small."
+            "relative to the whole recording: the standard deviations are too small."
         )
         listed.append(Finding(text, True))
     return sorted(listed, key=lambda finding: finding.harmless)  # what decides the verdict comes first
@@ -188,7 +188,7 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
     if not is_systematic and tilt < 0.2:
         if tilt < 0.2 * turning:
             return []
-        text = f"They turn by {np.degrees(turning):.2g} deg rms, little beside attitudes that are off by {degrees}."
+        text = f"They turn by {np.degrees(turning):.2g} deg rms, little relative to attitude errors of {degrees}."
         return [Finding(text, False)]
     if tilt < 0.1 * turning:
         share = f"{100 * tilt / turning:.2g} % of the turning, and not at random"
@@ -263,7 +263,7 @@ def _point_findings(
             "The hinge point moves by {size:.2g} m rms",
         )
     else:
-        text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large beside the levers."
+        text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
         return [Finding(text, False)]
     if size >= _MAX_HINGE_POINT_PLAY_TO_LEVER_LENGTH * lever_length:
         return [Finding(kind.no_hinge.format(size=kind.size), False)]
@@ -278,7 +278,7 @@ class _PointMotion(NamedTuple):
 
     size: float  # rms [m]
     no_hinge: str  # where the gap is too large for a hinge
-    play: str  # where the gap is small beside the levers
+    play: str  # where the gap is small relative to the lever lengths
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:

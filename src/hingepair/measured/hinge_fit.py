@@ -460,7 +460,7 @@ def _fit_of_point(
     """
     for name, value in (("encoder", samples.encoder), ("noise1", samples.relative_noise)):
         if value is not None:
-            raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
+            raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
     fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss], gauge, clock_offset)
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:

@@ -219,7 +219,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * rms_rate:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
     if max(sign_correlations) < _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN:
-        findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
+        findings.append("The sign of n2 relative to n1 is not determined: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
         findings += gyroscope_suspicions(name, omega)
@@ -288,7 +288,9 @@ def fit_anchor(
     named_vectors = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
     time, columns = checked_recording(t, named_vectors)
     if (n1 is None) != (n2 is None):
-        raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
+        raise ArgumentError(
+            "n2" if n2 is None else "n1", f"an axis, since {'n1' if n2 is None else 'n2'} is given", None
+        )
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
     pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_SAMPLES_PER_SMOOTHED_PIECE)

@@ -92,7 +92,7 @@ def checked_samples(
     if clock_offset is not None:
         finite_number("clock_offset", clock_offset)
         if time is None:
-            raise ArgumentError("t", "instants beside clock_offset", None)
+            raise ArgumentError("t", "instants, since clock_offset is given", None)
     sample_weights = _checked_weights(weights, shape[0])
     sample_shapes = {"R": (3,), "S": (3, 3)}
     full_arrays = {name: np.broadcast_to(array, (*shape, *sample_shapes[name[0]])) for name, array in arrays.items()}
@@ -156,7 +156,7 @@ def _checked_noise(
     for name, noise in (("noise1", noise1), ("noise2", noise2)):
         expected = "two standard deviations, of positions [m] and of attitudes [rad]"
         if not isinstance(noise, (tuple, list)) or len(noise) != 2:
-            raise ArgumentError(name, expected + (", beside those of the other body" if noise is None else ""), noise)
+            raise ArgumentError(name, expected + (", as for the other body" if noise is None else ""), noise)
         for part in noise:
             deviation = real_array(name, part).astype(np.float64)
             if deviation.shape not in {(), shape}:
@@ -166,6 +166,8 @@ def _checked_noise(
             parts.append(np.broadcast_to(deviation**2, shape))
     place, attitude = parts[0] + parts[2], parts[1] + parts[3]
     if not ((place > 0) & (attitude > 0)).all():
-        raise ArgumentError("noise1, noise2", "noise of one body at least, in every sample", "0 of both")
+        raise ArgumentError(
+            "noise1, noise2", "standard deviations above 0 for at least one body in every sample", "0 for both"
+        )
     mean = Noise(float(place.mean()), float(attitude.mean()))
     return np.stack((place / mean.place, attitude / mean.attitude, parts[1] / attitude)), mean

@@ -311,7 +311,9 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
     *accelerations, pivot_ratios = outputs
     if (pivot_ratios <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
-        raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
+        raise ArgumentError(
+            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", bodies[1]
+        )
     return Accelerations(*accelerations)
 
 

@@ -89,7 +89,7 @@ class HingeLoad:
         if self.stop_restitution is not None and self.stop_restitution > 1:
             raise ArgumentError("stop_restitution", "a number from 0 to 1", self.stop_restitution)
         if self.stop_restitution is not None and self.stop_damping:
-            raise ArgumentError("stop_damping", "none beside stop_restitution, of rigid stops", self.stop_damping)
+            raise ArgumentError("stop_damping", "0, since stop_restitution describes rigid stops", self.stop_damping)
         stops: Any = self.stops
         if stops is not None:
             if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:

@@ -194,7 +194,8 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
     names = [name for name, deviations in sizes.items() if deviations.any()]
     if covariance is not None:
         if names:
-            raise ArgumentError(names[0], "0 beside covariance, which says all of it", quoted(std[names[0]]))
+            expected = "0, since covariance gives all standard deviations"
+            raise ArgumentError(names[0], expected, quoted(std[names[0]]))
         return _checked_covariance(covariance)
     if not names:
         expected = f"a positive standard deviation: {', '.join(std)}, or a covariance"

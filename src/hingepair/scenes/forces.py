@@ -82,7 +82,7 @@ def pair_scene_forces(
     fall = motion.gravity(pair)
     if gravity is not None:
         if motion.simulated:
-            raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
+            raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
         fall = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
     known_motion = motion.source.part(slice(None), ACCELERATION)
     arrays = _required_forces(pair, known_motion.in_space(pair), fall)

@@ -115,16 +115,16 @@ def read_log(table: Table, folder: Path) -> Motion:
     integration_keys = ("psi_0", "method", "S1_0")
     for key in integration_keys:
         if key in table.values and not integrated:
-            table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
+            table.fail(key, "no such key without integrate = true, which integrates a log of rates")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and (integrated or not completed):
-        wanted = "differentiate = true" if not integrated else "a log with angles"
-        table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
+        wanted = "without differentiate = true" if not integrated else "for a log of rates"
+        table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
     keys = integration_keys if integrated else ("sequence", "unwrap")
     table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", *keys))
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
-        table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
+        table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")
     log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, read_ignored_columns(table))
     if smoothed:
         return _read_smoothed_motion(table, log)
@@ -277,7 +277,9 @@ class Log(NamedSource):
         for column in column_names:
             if column not in self.columns:
                 self.refuse(
-                    column, f"a column beside {present_names[0]}" if present_names else "a column", "no such column"
+                    column,
+                    f"a column, since the log has {present_names[0]}" if present_names else "a column",
+                    "no such column",
                 )
         return np.stack([self.columns[column] for column in column_names], axis=-1)
 
@@ -495,7 +497,7 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     if not position:
         position = dict.fromkeys(_POSITION_NAMES_BY_DERIVATIVE_ORDER, np.zeros((log.t.size, 3)))
     if "v1" not in position:
-        log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
+        log.refuse("v1_x", "a column, since the log has x (or differentiate = true)", "no such column")
     _velocity_frame(table, log)
     arrays = position | turning | hinge
     signals = (
@@ -526,7 +528,7 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
     for column in (column for name in other_names for column in COLUMN_NAMES_BY_LOG_ARRAY[name]):
         if column in log.columns:
             log.refuse(
-                column, f"nothing of this kind beside {COLUMN_NAMES_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
+                column, f"no such column in a log with {COLUMN_NAMES_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
             )
     return attitude_names
 
@@ -541,7 +543,9 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
         for name in names[: level + 1]:
             if name not in part:
                 column = log.layout.columns_of(name)[0]
-                log.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
+                log.refuse(
+                    column, "a column, since the log has other rates (or differentiate = true)", "no such column"
+                )
     return level
 
 

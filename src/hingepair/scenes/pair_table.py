@@ -127,7 +127,7 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
 
     for key in table.values:
         if key not in {**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}:
-            table.fail(key, "nothing beside robot, joint, body1 and body2")
+            table.fail(key, "no such key together with robot: robot, joint, body1 and body2 describe the pair")
     values = table.read({**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}, _READER_BY_ROBOT_HINGE_KEY)
     return replace(
         construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _READER_BY_ROBOT_HINGE_KEY}),

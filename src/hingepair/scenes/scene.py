@@ -716,7 +716,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     motion = tables.table("motion")
     if "file" not in motion.values:
         if "psi_dot" in motion.values and "omega1" not in motion.values:
-            motion.fail("omega1", "the angular velocity of body 1 beside psi_dot")
+            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
         from hingepair.scenes.expression_motion import read_expression_motion
 
         return read_expression_motion(motion, tables.table("time"), planar)
@@ -725,7 +725,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     if planar:
         motion.fail("file", "no such key in a planar scene, whose motion is expressions")
     if "time" in tables.values:
-        tables.fail("time", "no such table beside motion.file, whose column t has the instants")
+        tables.fail("time", "no such table, since the column t of motion.file has the instants")
     return read_log(motion, folder)
 
 

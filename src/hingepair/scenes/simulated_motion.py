@@ -174,7 +174,10 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
             table.fail("stops", "[lower, upper], or true of a pair that has limits")
     if base == PRESCRIBED_BASE_KIND:
         for key in start:
-            table.fail(key, f"nothing beside base = {PRESCRIBED_BASE_KIND!r}, whose body 1 moves as [motion] says")
+            table.fail(
+                key,
+                f"no such key together with base = {PRESCRIBED_BASE_KIND!r}: [motion] prescribes body 1",
+            )
     body1 = None if base == PRESCRIBED_BASE_KIND else _read_body1_start(table, start, planar)
     for letter in _HINGE_VARIABLE_NAMES:
         if letter in table.constants:

@@ -52,7 +52,7 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
         if "values" in table.values:
             values = table.values["values"]
             if not isinstance(values, list) or not values or len(table.values) > 2:
-                table.fail("values", "a list of numbers, and key beside it")
+                table.fail("values", "a list of numbers, together with key alone")
             return VariedNumber(key, np.array(table.numbers("values", len(values))), (0.0, 0.0))
         low, high = _read_two_numbers(table, "low", "high", ("key", "low", "high", "count"))
         count = table.values.get("count")
@@ -78,7 +78,7 @@ def _read_two_numbers(
     """
     for key in table.values:
         if key not in allowed_keys:
-            table.refuse(key, f"nothing beside {', '.join(allowed_keys)}", "this key")
+            table.refuse(key, f"only the keys {', '.join(allowed_keys)}", "this key")
     return table.number(first_key), table.number(second_key)
 
 

@@ -257,11 +257,11 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     base_functions = (base.functions,) if base else ()
     if "file" in motion.values:
         if "time" in tables.values:
-            tables.fail("time", "no such table beside motion.file, whose column t has the instants")
+            tables.fail("time", "no such table, since the column t of motion.file has the instants")
         return replace(_read_joint_log(motion, folder, robot, base), functions=base_functions)
     for key in ("ignore", "differentiate", "unwrap"):
         if key in motion.values:
-            motion.fail(key, "file = ... beside it, whose samples it is about, or no such key")
+            motion.fail(key, "no such key without file = ..., whose samples it concerns")
     from hingepair.scenes.expression_motion import read_functions
 
     moving = _moving_joints(motion, robot)
@@ -348,7 +348,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     completed = table.flag("differentiate")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and not completed:
-        wanted = "differentiate = true beside it, or no such key: it decides how angles are differentiated"
+        wanted = "no such key without differentiate = true: it determines how angles are differentiated"
         table.fail("unwrap", wanted)
     table.check_keys(_MOTION_OPTION_KEYS)
     log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
@@ -360,7 +360,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
             part = log.quantity_and_rates(names)
             parts[joint] = [part[name] for name in names if name in part]
             if names[2] in part and names[1] not in part:
-                log.refuse(names[1], f"a column beside {names[2]}", "no such column")
+                log.refuse(names[1], f"a column, since the log has {names[2]}", "no such column")
             if joint in log.layout.angle_names:
                 log.notes += angle_suspicions(joint, parts[joint][0])
     if not parts:
@@ -368,7 +368,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     level = max(map(len, parts.values())) - 1
     for joint, columns in parts.items():
         if len(columns) <= level:
-            wanted = "a column, beside rates of other joints (or differentiate = true)"
+            wanted = "a column, since the log has rates of other joints (or differentiate = true)"
             log.refuse(joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[len(columns)], wanted, "no such column")
     derived = tuple(
         joint + rate

@@ -50,13 +50,13 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     if "joint" in tables.values:
         for key in (*sources, "locked"):
             if key in table.values:
-                table.fail(key, "no such key beside [[joint]] tables, which are the mechanism")
+                table.fail(key, "no such key together with [[joint]] tables, which describe the mechanism")
     elif len(sources) != 1:
         expected = 'a robot of example-robot-data, such as robot = "panda"; or urdf = "file"; or [[joint]] tables'
         table.refuse("robot", expected, "both robot and urdf" if sources else "none of them")
     base = table.choice("base", BASE_KINDS)
     if base == "free" and "base" not in tables.values:
-        table.fail("base", '"fixed", or a table [base] beside it with the motion of a free base')
+        table.fail("base", '"fixed", or "free" together with a table [base] for the motion of the base')
     robot = _assemble_joints(tables, table, base) if "joint" in tables.values else _read_robot(table, folder, base)
     return with_payload(_with_frames(robot, table), table)
 
@@ -75,7 +75,7 @@ def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
     file or name, and a MissingDependencyError if example-robot-data is missing.
     """
     if "name" in table.values:
-        table.fail("name", "no such key beside robot or urdf, which have a name")
+        table.fail("name", "no such key together with robot or urdf, which have a name")
     held = table.table("locked", required=False)
     locked = {joint: held.number(joint) for joint in held.values}
     if "robot" in table.values:
