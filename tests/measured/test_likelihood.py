@@ -13,7 +13,7 @@ from hingepair.measured.likelihood import (
     evaluate_hinge,
     iterate_residuals,
     most_likely_hinge,
-    num_neighbours_to_sum,
+    num_neighbours_to_sum_and_unresolved_lag,
     without_bias,
 )
 from hingepair.measured.relative_poses import closed_form_hinge, compute_relative_poses
@@ -216,7 +216,7 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
     memory: float, together: set[int], unresolved: bool
 ) -> None:
     """Over four times the lag, a power of two, at which less than a tenth is left; over N / 40 at most."""
-    count, lag = num_neighbours_to_sum(autoregressive(10_000, memory, 1))
+    count, lag = num_neighbours_to_sum_and_unresolved_lag(autoregressive(10_000, memory, 1))
     assert count in together
     assert (lag > 0) is unresolved
 
@@ -224,6 +224,6 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
 @pytest.mark.slow
 def test_few_scores_are_not_added_up() -> None:
     """Chance makes neighbours of a few samples alike; what is more than chance is said."""
-    assert num_neighbours_to_sum(autoregressive(30, 1e-3, 2)) == (1, 0)
-    assert num_neighbours_to_sum(autoregressive(100, 30.0, 2)) == (1, 1)
-    assert num_neighbours_to_sum(np.zeros((2, 500))) == (1, 0)
+    assert num_neighbours_to_sum_and_unresolved_lag(autoregressive(30, 1e-3, 2)) == (1, 0)
+    assert num_neighbours_to_sum_and_unresolved_lag(autoregressive(100, 30.0, 2)) == (1, 1)
+    assert num_neighbours_to_sum_and_unresolved_lag(np.zeros((2, 500))) == (1, 0)

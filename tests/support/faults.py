@@ -1072,8 +1072,8 @@ FAULTS = {
     ),
     "gross outliers that count": Fault(
         "measured/likelihood.py",
-        "gross = sizes > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT",
-        "gross = sizes > np.inf",
+        "gross = squared_residuals > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT",
+        "gross = squared_residuals > np.inf",
         "measured/test_fit.py::test_outliers_that_agree_with_each_other_are_survived[swapped-soft_l1]",
     ),
     "residuals judged by what is no noise": Fault(

@@ -302,7 +302,7 @@ class _ModelPart(NamedTuple):
 
 
 def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
-    """Return two parts of a model of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
+    """Return two _ModelParts of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
     point. Raise an ArgumentError if XML cannot hold the name of the pair.
     """
     one, two = drawn_shapes(pair)

@@ -28,9 +28,9 @@ from hingepair.rotations.euler import matrix_to_euler
 
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a robot as URDF text, with its links and joints. `base` is "free", or "fixed" or "floating", the type of
-    a joint that connects the robot with a link `world`. Warn of rotor inertias, which URDF cannot hold. Raise an
-    ArgumentError if XML cannot hold a name.
+    """Return a Mechanism as URDF text, with its links and joints. `base` is "free", or "fixed" or "floating", the
+    type of a joint that connects the robot with a link `world`. Issue a DynamicsWarning for rotor inertias, which
+    URDF cannot hold. Raise an ArgumentError if XML cannot hold a name.
 
     Raises:
         ArgumentError: a name holds a character that XML cannot.
@@ -80,8 +80,9 @@ class _UrdfWriter:
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
-        """Add the links of the body of this number to the element `root`, and the fixed joints between them. Return
-        the name of the link at the joint's point, to which the mass properties `masses` of the body are written.
+        """Add the links of the body with the number `body_number` to the element `root`, and the fixed joints between
+        them. Return the name of the link at the joint's point, to which the mass properties `masses` of the body are
+        written.
         """
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}

@@ -29,7 +29,7 @@ from hingepair.measured.likelihood import (
     MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE,
     Loss,
     PosesAt,
-    num_neighbours_to_sum,
+    num_neighbours_to_sum_and_unresolved_lag,
     solve_semidefinite,
 )
 from hingepair.measured.relative_poses import MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING, RelativePoses
@@ -80,8 +80,9 @@ class Circle(NamedTuple):
         return np.asarray(start / np.linalg.norm(start))
 
     def levers(self, gauge: str) -> tuple[Float64Array, Float64Array]:
-        """Return the levers u1 and u2 (3,) of the hinge, from R1 to the hinge point and from the moving point to it.
-        `gauge`, "closest_to_R1" or "closest_to_R2", names the point of the axis that is the hinge point.
+        """Return the tuple (u1, u2) of the levers (3,) of the hinge, from R1 to the hinge point and from the
+        moving point to it. `gauge`, "closest_to_R1" or "closest_to_R2", names the point of the axis that is the
+        hinge point.
         """
         u1 = self.centre - (self.centre @ self.n) * self.n if gauge == "closest_to_R1" else self.centre
         return u1, u1 - self.centre - self.radius * self.zero_direction
@@ -130,8 +131,8 @@ def fit_circle(
 ) -> CircleFit:
     """Fit the most likely circle to the path of a point of body 2 relative to body 1 (`poses`); return a CircleFit.
     `loss` reduces the weights of outliers; None means least squares. `gauge` names the hinge point on the axis. If
-    `poses_at`, a function of the clock offset, is given, estimate the offset too, from the first value `offset`.
-    Raise FitError if the samples show no circle.
+    `poses_at`, a function of the clock offset and of the largest number of samples that returns RelativePoses, is
+    given, estimate the offset too, from the first value `offset` [s]. Raise FitError if the samples show no circle.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -192,7 +193,7 @@ def fit_circle(
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
     scores = np.einsum("n,nij,ni->jn", weights, change, residuals)
-    together, _ = num_neighbours_to_sum(scores)
+    together, _ = num_neighbours_to_sum_and_unresolved_lag(scores)
     sums = np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1)
     inverse = solve_semidefinite(normal, np.eye(normal.shape[0]))
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
@@ -284,7 +285,7 @@ def _result_vector(circle: Circle, gauge: str) -> Float64Array:
 def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
     """Return the distances of the samples from the plane of the circle and, in that plane, from the circle (N, 2),
     and the derivatives of both distances with respect to the six parameters of the circle (N, 2, 6). If the poses
-    have rates, the derivatives with respect to the clock offset come last (N, 2, 7).
+    have `offset_derivatives`, the derivatives with respect to the clock offset come last (N, 2, 7).
     """
     axes = frame(circle.n)
     x, y, z = ((poses.p.T - circle.centre) @ axes).T

@@ -533,9 +533,9 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples, smoothed with `loss` (None means least squares). Return None without
-    instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too few samples in a row to be
-    smoothed. In the last case raise ArgumentError if an offset is given.
+    """Return the ClockedPoses of the samples, smoothed with `loss` (None means least squares). Return None if the
+    samples have no instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too few samples
+    in a row to be smoothed. In the last case raise ArgumentError if an offset is given.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -559,18 +559,19 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
     return there
 
 
-def _missing_sample_sentences(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence that counts the samples that are false in `used`. The list is empty if all were
-    used. If `clock` is not None, the sentence also names missing samples of body 2 as a reason.
+def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
+    """Return a list with one sentence that counts the samples that are false in the boolean array `is_used`.
+    The list is empty if all were used. If `clock` is not None, the sentence also names missing samples of body
+    2 as a reason.
     """
-    if used.all():
+    if is_used.all():
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
-    return [f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}."]
+    return [f"{int((~is_used).sum())} of {is_used.size} samples are missing or have no weight{ends}."]
 
 
 def _estimate_hinge(
-    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
+    samples: Samples, is_used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
     """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
     estimated clock offset, and a boolean array of the samples used. `clock_offset` is the offset that the user gave,
@@ -579,23 +580,24 @@ def _estimate_hinge(
 
     The ClockedPoses are None if the clock offset is 0. An offset that the motion does not determine is taken as 0.
     """
-    poses = samples.poses(used)
+    poses = samples.poses(is_used)
     check_turning(poses)
     estimate, clock = _most_likely_estimate(samples, poses, loss, clock_offset)
     if clock is not None:
-        poses, used = clock.poses_at(estimate.offset), np.zeros_like(used)
-        used[clock.body1_rows(estimate.offset)] = True
+        poses, is_used = clock.poses_at(estimate.offset), np.zeros_like(is_used)
+        is_used[clock.body1_rows(estimate.offset)] = True
         if clock_offset is not None:
             poses = poses._replace(offset_derivatives=None)
-    return estimate, clock, poses, used
+    return estimate, clock, poses, is_used
 
 
 def _most_likely_estimate(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge as an Estimate, and the ClockedPoses of the samples. The latter are None, and the
-    offset is 0, if `clock_offset` (the offset that the user gave) is 0, or if it is None and the motion does not
-    determine the offset. `poses` are those without an offset. Raise ArgumentError for an unusable clock offset.
+    """Return a pair: the most likely hinge as an Estimate, and the ClockedPoses of the samples. The ClockedPoses are
+    None, and the offset is 0, if `clock_offset` (the offset that the user gave) is 0, or if it is None and the motion
+    does not determine the offset. `poses` are the relative poses at offset 0. Raise ArgumentError for an unusable
+    clock offset.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)

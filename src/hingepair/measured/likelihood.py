@@ -179,7 +179,7 @@ class SampleResiduals(NamedTuple):
     def whitened_rows(self, noise: Noise) -> Float64Array:
         """Return the whitened derivatives of the residuals with respect to each parameter, and the whitened residuals
         as the last row; shape (parameters + 1, 5 or 6, M). The parameters are nine of the hinge, then, if they are
-        estimated, the clock offset and two of the encoder. `noise` are the variances by which residuals are whitened.
+        estimated, the clock offset and two of the encoder. `noise` is the Noise by which residuals are whitened.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         parameters = NUM_HINGE_PARAMETERS + (self.offset_derivatives is not None) + (0 if self.turn is None else 2)
@@ -247,9 +247,9 @@ def most_likely_hinge(
     poses: RelativePoses, start: Hinge, loss: Loss | None, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> Estimate:
     """Estimate the most likely hinge for `poses` by Gauss-Newton steps from the hinge `start`; return an Estimate
-    with the noise and the encoder's line. `loss` gives the derivatives of the loss of a sample; None means least
-    squares. If `poses_at`, a function of the clock offset that returns poses, is given, estimate the clock offset
-    too, from the first value `offset` [s].
+    with the noise and the encoder's line. `loss` is a function that returns the derivatives of the loss of a sample;
+    None means least squares. If `poses_at`, a function of the clock offset and of the largest number of samples that
+    returns RelativePoses, is given, estimate the clock offset too, from the first value `offset` [s].
     """
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
     some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_STEPS)
@@ -389,8 +389,8 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
     """Return whether the motion determines the clock offset as well as all other parameters. `poses` have derivatives
     with respect to the offset; the derivatives of `noise_poses` are noise alone, and must inform far less on the
-    offset. `estimate` is the Estimate of the hinge; `loss` gives the derivatives of the loss, None means least
-    squares.
+    offset. `estimate` is the Estimate of the hinge; `loss` is a function that returns derivatives of the loss, or
+    None for least squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
@@ -447,8 +447,8 @@ def evaluate_hinge(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
 ) -> HingeResiduals:
     """Return the HingeResiduals of a Hinge for relative poses: the residuals and weights of every sample, and the
-    covariance of the hinge's parameters. `noise` are the variances of the poses; `loss` gives the derivatives of the
-    loss of a sample, or is None for least squares; `encoder_line` is the EncoderLine or None.
+    covariance of the hinge's parameters. `noise` is the Noise of the poses; `loss` is a function that returns the
+    derivatives of the loss of a sample, or None for least squares; `encoder_line` is the EncoderLine or None.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -493,7 +493,7 @@ def evaluate_hinge(
     all_scores = np.concatenate(score_blocks, axis=1)
     whitened_residuals = np.concatenate(whitened_blocks, axis=1)
     neighbour_correlations = _lag_correlation(whitened_residuals[:2], 1), _lag_correlation(whitened_residuals[2:5], 1)
-    together, unresolved_lag = num_neighbours_to_sum(all_scores)
+    together, unresolved_lag = num_neighbours_to_sum_and_unresolved_lag(all_scores)
     added = np.add.reduceat(all_scores, np.arange(0, all_scores.shape[1], together), axis=1)
     share = all_scores.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
@@ -504,8 +504,8 @@ def evaluate_hinge(
 
 
 def _lag_correlation(rows: Float64Array, lag: int) -> float:
-    """Return the correlation between the entries of a row and the entries `lag` places later, for the row whose
-    correlation is largest. Return 0 if all rows are zero or too short.
+    """Return the correlation between the entries of a row and the entries `lag` places later, the largest over all
+    rows. Return 0 if all rows are zero or too short.
     """
     power = (rows * rows).sum(axis=1)
     known = power > 0
@@ -515,10 +515,10 @@ def _lag_correlation(rows: Float64Array, lag: int) -> float:
     return float((products[known] / power[known]).max())
 
 
-def num_neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
-    """Return (count, lag). `count` neighbouring scores (columns of `scores`) must be added up for the sums to be
-    uncorrelated. `lag` is 0; if the recording is too short for long enough sums, it is the lag at which scores are
-    still correlated.
+def num_neighbours_to_sum_and_unresolved_lag(scores: Float64Array) -> tuple[int, int]:
+    """Return (count, lag), two ints. `count` neighbouring scores (columns of `scores`) must be added up for the sums
+    to be uncorrelated. `lag` is 0; if the recording is too short for long enough sums, it is the lag at which scores
+    are still correlated.
 
     Sums go over four times the lag at which scores are hardly correlated, but there are at least
     _MIN_NUM_SCORE_SUMS of them.
@@ -594,12 +594,12 @@ def _normal_equations(
     return total[:-1, :-1], total[:-1, -1]
 
 
-def _loss_derivatives(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the first and the second derivative of a loss with respect to the squared residuals of samples,
-    `sizes`. Both are 0 for gross outliers.
+def _loss_derivatives(loss: Loss, squared_residuals: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the first and the second derivative of a loss, a pair of arrays, with respect to `squared_residuals`,
+    the whitened squared residuals of samples. Both are 0 for gross outliers.
     """
-    first, second = loss(sizes / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL)
-    gross = sizes > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT
+    first, second = loss(squared_residuals / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL)
+    gross = squared_residuals > _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 

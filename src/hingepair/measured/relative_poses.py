@@ -126,9 +126,9 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 def _hinges_of_sample_pairs(
     poses: RelativePoses, first_indices: NDArray[np.intp], second_indices: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses determine.
-    `first_indices` and `second_indices` are the indices of the samples of each pair. Pairs between which body 2 turns
-    by less than a degree are left out.
+    """Return a tuple of n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses
+    determine. `first_indices` and `second_indices` are the indices of the samples of each pair. Pairs between which
+    body 2 turns by less than a degree are left out.
     """
     Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first_indices, second_indices))
     turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))

@@ -51,8 +51,9 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a list of sentences, one for the positions or the attitudes if the estimated `noise` differs by more
-        than half from the noise that `noise1` and `noise2` of `fit` state. The list is empty if neither does.
+        """Return a list of sentences, one for the positions or the attitudes if the standard deviation of the
+        estimated `noise` differs by more than a factor of 1.5 from the noise that `noise1` and `noise2` of `fit`
+        state. The list is empty if neither does.
         """
         if self.mean_noise is None:
             return []
