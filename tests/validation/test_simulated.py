@@ -159,7 +159,7 @@ def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
     assert (failed.exit_code, "FAILED: hinge_torque, psid, psidd" in failed.output) == (1, True)
     facts = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).output)
     assert [row["ok"] for row in facts["forces"] + facts["rates"]] == [False] * 3
-    assert facts["forces"][0]["scale"] == "as of torque1, of body 2 alone"
+    assert facts["forces"][0]["scale"] == "as for torque1, but of body 2 alone"
 
 
 HARM = {

@@ -1,7 +1,7 @@
-"""The pair and what it is asked.
+"""Pairs, their motions and their results.
 
-`HingePair`, `PlanarPair`, the motion of body 1, the state of body 2; forward kinematics, Jacobians, residuals,
-sensitivities, dynamics, and how accurate they are: scales, the promise, bounds of any state. All of them name what is
-given and what is asked for, and go one way: `prepared`, for one state and small batches, and `evaluate`, for many.
-Imports plans and what lies below it.
+The modules hold `HingePair` and `PlanarPair`, the motion of body 1 and the state of body 2; forward kinematics,
+Jacobians, residuals, sensitivities and dynamics; and the accuracy of these: scales, promised bounds, and bounds for
+any state. All computations name their inputs and outputs, make a plan, and run it by a call of the engine, which
+`evaluate` caches for each pair. This wing imports `plans` and the wings below it.
 """

@@ -1,10 +1,11 @@
-"""The accuracy contract: how far a result may be from the exact one, in units of unit roundoff times scale.
+"""Promised accuracy: the largest differences between results and exact values, in units of unit roundoff times scale.
 
-The scale of an output is the size of the terms it is summed from, before they cancel; it is computed sample by
-sample from plain numbers. `abs(u)` is the Euclidean norm of a vector, `max abs(R1)` its largest component.
+The scale of an output is the size of the terms whose sum it is, before they cancel; it is computed for each sample.
+`abs(u)` is the Euclidean norm of a vector, and `max abs(R1)` is the largest absolute component of R1.
 
-A1, W1 are the sizes of body 1's angular acceleration and velocity as they came in: for Euler angles
-`W1 = sum abs(phi_i')`, `A1 = sum abs(phi_i'') + W1^2`; for a given attitude `abs(omega1)`, `abs(alpha1)`.
+W1 and A1 are the sizes of body 1's angular velocity and acceleration. If the motion is given by Euler angles, they
+are `W1 = sum abs(phi_i')` and `A1 = sum abs(phi_i'') + W1^2`; if the attitude is given, they are `abs(omega1)` and
+`abs(alpha1)`.
 """
 
 from __future__ import annotations
@@ -58,11 +59,12 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
         "a2": PromisedBound(34, 12.7, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
     }
 )
-"""By output; of states whose numbers are 0 or in the normal range, results and scales too. Below the smallest normal
-number, that number stands for u * scale."""
+"""The bounds hold if all inputs, results and scales are 0 or in the normal range of floating-point numbers. If
+u * scale is below the smallest normal number, this number takes its place."""
 
 MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE = 16
-"""Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
+"""Largest difference from Pinocchio that passes, in units of u * scale. The results of both sides contain rounding
+errors."""
 
 SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
 """The scales of the outputs that only planar pairs have: the rounding error of an angle grows with the angle."""
@@ -70,9 +72,9 @@ SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2
 PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
 )
-"""Output -> what its scale gains against Pinocchio, whose terms are larger before they cancel: it crosses omega2 with
-n psi', of which the part psi'^2 n x n rounds before it vanishes; and it adds up spatial accelerations, which differ
-from classical ones by omega2 x v2."""
+"""Terms that are added to the scale of an output for a comparison with Pinocchio, whose terms are larger before they
+cancel. Pinocchio computes omega2 x n psi', and the part psi'^2 n x n of it is rounded before it vanishes. It also
+adds spatial accelerations, which differ from classical accelerations by omega2 x v2."""
 
 
 def unit_roundoff(dtype: DTypeLike) -> float:
@@ -179,7 +181,7 @@ def _scale_formulas(
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
     if a1 is not None and A2 is not None and W2 is not None:
-        a2 = a1 + (A1 * U1 + W1 * (W1 * U1)) + (A2 * U2 + W2 * (W2 * U2))  # no square that overflows alone
+        a2 = a1 + (A1 * U1 + W1 * (W1 * U1)) + (A2 * U2 + W2 * (W2 * U2))  # squares alone could overflow
     if pinocchio and A2 is not None and W2 is not None:
         alpha2 = A2 + W * W
         a2 = None if a2 is None or V1 is None else a2 + (W1 + W2) * V1 + W1 * (W2 * U1)
@@ -205,17 +207,15 @@ def error_ratios(
     where u is the unit roundoff of `dtype`. Both are NaN where the expected value or the scale is not finite.
     `output` is the name of the output.
 
-    Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
-    ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
-    body at rest) allows no error but what the smallest normal number covers: the ratio is then that of the error
-    to this number, 0 where there is none.
+    If the computed value is not finite and the expected value is finite, the error is inf. If u * scale is below the
+    smallest normal number, as for a body at rest, the ratio is error / (smallest normal number).
 
     Args:
         output: name of the output, which says how many axes one sample has.
-        computed: what was computed; shape (..., 3) or (..., 3, 3).
-        expected: what it should be; the same shape.
-        scale: as `output_scales` gives it; shape (...,).
-        dtype: the type the result was computed in, which gives u.
+        computed: computed values; shape (..., 3) or (..., 3, 3).
+        expected: expected values, of the same shape.
+        scale: scale of the output, as `output_scales` returns it; shape (...,).
+        dtype: dtype of the computation, which determines u.
 
     >>> error, ratio = error_ratios("d", (1.0 + 2.0**-52, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
     >>> float(ratio)
@@ -250,7 +250,7 @@ def largest(vector: ArrayLike) -> Float64Array:
 
 Bounds = dict[str, NDArray[np.float64]]
 
-# The levers that each constant of a pair was computed of, which carry its errors.
+# The inputs that each constant of a pair was computed from; the error of the constant is relative to their size.
 _SOURCE_NAMES_BY_DERIVED_CONSTANT = {
     "n": ("n",),
     "lever_fixed": ("u1", "u2"),

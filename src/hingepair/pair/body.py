@@ -1,4 +1,4 @@
-"""Mass properties of a body, and the shapes that a viewer draws."""
+"""Mass properties of a body, and its shapes, which viewers draw."""
 
 from __future__ import annotations
 
@@ -203,9 +203,9 @@ class Body(Frozen):
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
         *,
-        _computed: Mapping[str, Any] | None = None,  # those of the body that dataclasses.replace starts from
+        _computed: Mapping[str, Any] | None = None,  # computed values of the body that dataclasses.replace copies
     ) -> None:
-        # A value that is the very object which the earlier body computed was not given to this one either.
+        # A value that is the object which the earlier body computed was not given by the user.
         earlier = _computed or {}
         mass = None if mass is earlier.get("mass") else mass
         center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
@@ -311,7 +311,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
             f"inertia: the largest of the principal moments {moment_texts} is {percentage} above the sum of the "
         )
         message += "other two, which no rigid body has; that is taken for rounding"
-        warnings.warn(message, DynamicsWarning, stacklevel=3)  # who calls Body
+        warnings.warn(message, DynamicsWarning, stacklevel=3)  # the line that calls Body
     return read_only(inertia / 2 + inertia.T / 2)
 
 

@@ -1,4 +1,4 @@
-"""Input of kinematics: the motion of a body whose attitude is known."""
+"""The motion of a body with a known attitude, which is an input of kinematics."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class BodyMotion(Frozen):
     """
 
     R: NDArray[Any]
-    S: NDArray[Any]  # None of a point, which `motion_arrays` refuses where an attitude is needed
+    S: NDArray[Any]  # None for a point; `motion_arrays` raises an error if an attitude is needed
     v: NDArray[Any] | None
     omega: NDArray[Any] | None
     a: NDArray[Any] | None

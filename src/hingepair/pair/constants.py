@@ -1,4 +1,4 @@
-"""Constants of a pair in calls: u1, u2, n, home, and the levers that the hinge turns or leaves, by component."""
+"""Constants of a pair in the form that calls take: u1, u2, n, home, and the levers computed from them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_o
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
-_IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the home attitude C unless given
+_IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the default of home
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
         AxisError: n is zero or not finite.
-        RotationError: home is no rotation.
+        RotationError: home is not a rotation.
     """
     vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
     axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
@@ -78,7 +78,8 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     lever_sin in body-1 axes [m], for which d = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin). `values`
     holds u1, u2 and, if it is not the identity, home by name as components; `axis` is the hinge axis of any length.
 
-    Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
+    Each component is rounded once. The levers are computed from the axis as it was given, because the axis at unit
+    length is rounded.
     """
     lever2, exponent2 = scaled_by_power_of_two(values["u2"])
     u1_and_u2, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
@@ -89,7 +90,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
         values_by_name |= {"u2": values_by_name["arm"], "home": tuple(map(Twofold, values["home"]))}
     for result, function, arguments in of_u2:
         values_by_name[result] = function(*[values_by_name[name] for name in arguments])
-    # Only `lever_fixed` holds both levers, and the shorter one may vanish beside the longer.
+    # Only `lever_fixed` contains both u1 and u2, so only here may the shorter one be lost in rounding.
     shift = exponent2 - exponent
     shifted_vectors = (
         tuple(
@@ -120,8 +121,9 @@ def with_hinge_frames(pair: Constants) -> Constants:
     """Return the Constants of a pair, extended by orthogonal unit vectors e1, e2 and n of its hinge in the axes of
     body 1 and of body 2. The argument is unchanged except that the result is cached in `pair.prepared`.
 
-    e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
-    C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
+    e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. The vectors of body 2
+    are C^-1 times the vectors of body 1. With C^T instead, a home that is a rotation to only nine digits would appear
+    as a tilt.
     """
     constants: Constants | None = pair.prepared.get(HINGE_FRAME_VECTOR_NAMES)
     if constants is None:

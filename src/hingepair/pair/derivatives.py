@@ -1,4 +1,4 @@
-"""Jacobians and sensitivities: how body 2 and the constraints depend on velocities, coordinates, psi and the pair."""
+"""Jacobians and sensitivities of body 2 and of the constraints, and the accelerations that velocities cause."""
 
 from __future__ import annotations
 
@@ -159,9 +159,9 @@ def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Flo
     return slopes
 
 
-# The sensitivities that the pose alone gives.
+# Sensitivities that depend only on the pose.
 POSE_SENSITIVITY_NAMES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
-# Those that velocities give.
+# Sensitivities that depend on velocities too.
 VELOCITY_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 

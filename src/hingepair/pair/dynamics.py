@@ -1,4 +1,4 @@
-"""Forces and motion of the pair: masses in, what must act out, or the other way round (D1-D8)."""
+"""Dynamics of the pair: forces from a motion, and a motion from forces (D1-D8)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
 """Acceleration of free fall unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
+_ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # of a load or a vector that is zero
 _DEFAULT_GRAVITY_ARRAY = np.array(DEFAULT_GRAVITY_VECTOR)  # made once, for calls with the default
 _ZERO_LOAD_ARRAY = np.zeros(3)  # a force or torque of 0, which becomes a constant of the program
 # The loads that are vectors: forces and torques on the bodies.
@@ -269,7 +269,7 @@ def compute_dynamics(
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
     values["gravity"] = tuple(gravity_array.tolist())
-    for name, value in inputs.items():  # a force that is none is a constant of the program
+    for name, value in inputs.items():  # a zero load is a constant of the program
         values[name] = (
             read_component(name, value)
             if name not in _VECTOR_LOAD_NAMES
@@ -280,7 +280,9 @@ def compute_dynamics(
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
     plan = make_plan(spec.outputs, None, "home" in constants.values, given_names=tuple(values))
     call = cached_call(constants_with_masses, plan, tuple(values), "auto")
-    if not any(body is not None and body.assumed for body in bodies):  # else every call warns
+    if not any(
+        body is not None and body.assumed for body in bodies
+    ):  # with an assumed value, every call issues a warning
         constants.prepared[spec] = call
     return tuple(writable_arrays(call.run(values, shapes)).values())
 
@@ -294,7 +296,7 @@ def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bod
         ArgumentError: a body that the computation needs has no mass properties; names it.
     """
     present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in spec.bodies}
-    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(present, spec.hint_without_body1)  # for every computation
+    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(present, spec.hint_without_body1)  # for all computations
     extended: Constants = constants.prepared.get("masses") or _extended_constants(constants, masses)
     constants.prepared["masses"] = extended
     return extended
@@ -306,7 +308,7 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
     matrix is singular.
 
     Raises:
-        ArgumentError: the masses leave a motion without resistance.
+        ArgumentError: the mass matrix is singular.
     """
     *accelerations, pivot_ratios = outputs
     if (pivot_ratios <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO).any():

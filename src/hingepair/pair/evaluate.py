@@ -1,7 +1,7 @@
-"""Running a plan for a pair: over NumPy arrays by the engine's calls, or over arrays of other libraries.
+"""Runs of plans for a pair: cached calls, and the states and arrays that they compute.
 
-`pair` is a pair's constants, `values` are the other inputs by name, `shapes` those of the samples by argument, and
-`out` holds arrays to write into.
+`pair` are the Constants of a pair, `values` are the other inputs by name, `shapes` are the shapes of the samples by
+argument, and `out` holds arrays to write into.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, make_plan, plan_loop
 from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
 
-DEFAULT_EXECUTION: Final = Execution("auto", 1)  # how a call is run unless told
+DEFAULT_EXECUTION: Final = Execution("auto", 1)  # backend and number of threads of a call by default
 STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
     PLANAR_MOTION_KIND: PlanarState,
 }
 """The class of the results, by the kind of motion of a plan."""
 
-QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
+QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 
-# By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
+# By the size of a number in bytes: largest element of S S^T - I at which S is still accepted as a rotation.
 _MAX_ROTATION_MATRIX_ERROR_BY_ITEMSIZE: Final = {
     size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
@@ -114,9 +114,9 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
     operations that are left if the Constants `pair` and the inputs in `values` that are numbers count as known.
 
     Args:
-        plan: what is computed.
-        pair: the constants of one pair.
-        values: inputs of the plan of which something is known, as tuples of numbers and arrays, or one of either.
+        plan: plan of the computation.
+        pair: constants of a single pair.
+        values: inputs of the plan by name, each a number, an array, or a tuple of them.
     """
     loop = plan_loop(plan)
 

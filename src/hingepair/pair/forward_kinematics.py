@@ -1,4 +1,4 @@
-"""Forward kinematics: coordinates or a body's motion in, a plan of steps over them, a state out."""
+"""Forward kinematics: the state of a pair from its coordinates, or from the motion of body 1."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FLOAT_ROW_TYPES = {tuple, list}  # sequences that `float_row` converts
 _FLOAT_ROW_NUMBER_TYPES = {float, int, np.float64, np.int64, np.int32}  # numbers in them that it converts
 # The attributes of BodyMotion by the names of inputs.
 _MOTION_ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
-# What messages call these inputs.
+# The names of these inputs in messages.
 _ARGUMENT_NAME_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _MOTION_ATTRIBUTE_BY_BODY1_INPUT.items()}
 
 
@@ -207,7 +207,7 @@ def from_coordinates(
         key = outputs, sequence, execution.backend, len(rows)
         try:
             call: Call | None = pair.prepared.get(key)
-        except TypeError:  # names that are none, which are refused below
+        except TypeError:  # outputs that are not hashable, for which an error is raised below
             call = key = None
         if call is not None:
             state = call.fast_path(*rows) if out is None else call.run_into(rows, out)

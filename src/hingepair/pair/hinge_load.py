@@ -15,11 +15,11 @@ from hingepair.numeric.arrays import Float64Array, finite_number
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 HINGE_TORQUE_PART_NAMES: Final = ("motor", "spring", "damper", "friction", "stop")
-"""What the torque of a `HingeLoad` consists of; among all loads each is called with _torque behind."""
+"""The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
 _ARRAY_USED_AS_SCALAR_ERROR_TEXTS = (
     "truth value of an array",
     "arrays can be converted to Python scalars",
-)  # NumPy's messages
+)  # parts of messages of NumPy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -302,7 +302,7 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
         inspect.signature(function).bind(*arguments)
     except TypeError:
         raise ArgumentError(name, expected, f"one of {inspect.signature(function)}") from None
-    except ValueError:  # some of C have no signature
+    except ValueError:  # some functions written in C have no signature
         return
 
 

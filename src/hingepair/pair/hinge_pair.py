@@ -1,4 +1,4 @@
-"""The pair: two bodies, where the hinge sits in each, and its axis."""
+"""The pair of two bodies that are joined by a hinge."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.rotations.matrices import rotation_exp
 
 DEFAULT_PLANAR_GRAVITY_VECTOR = (0.0, -9.81)
-"""Gravity in the plane unless given: y points up [m/s^2]."""
+"""Acceleration of free fall in the plane unless given; y points up [m/s^2]."""
 
 Returned = TypeVar("Returned")
 
@@ -486,7 +486,7 @@ class PlanarPair(Shown):
         return tuple(compute_arrays(constants, spec.outputs, values, shapes, sequence="XYZ").values())
 
 
-_PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
+_PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi
 
 
 def _body_in_plane(body: Body) -> Body:
@@ -495,7 +495,9 @@ def _body_in_plane(body: Body) -> Body:
     """
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
-    inertia = body.inertia if np.array_equal(body.inertia, level) else level  # one that is assumed stays assumed
+    inertia = (
+        body.inertia if np.array_equal(body.inertia, level) else level
+    )  # the object, so that an assumed inertia stays assumed
     return replace(body, center_of_mass=np.array((x, y, 0.0)), inertia=inertia)
 
 

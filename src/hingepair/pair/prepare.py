@@ -1,4 +1,4 @@
-"""Prepared calls: the names of their inputs, and the outputs computed from them."""
+"""Prepared calls, which compute given outputs of a pair from given inputs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, check_outputs, defau
 from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT
 from hingepair.rotations.sequences import find_sequence
 
-# The inputs that a name such as "velocity" stands for.
+# The names of inputs for which a keyword such as "velocity" stands.
 _INPUT_NAMES_BY_KEYWORD: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
@@ -56,7 +56,7 @@ _ALLOWED_OUTPUT_NAMES: Final = (
     *INVERSE_DYNAMICS_OUTPUT_NAMES,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
-"""All that can be prepared."""
+"""All outputs that a prepared call can compute."""
 
 
 class Prepared:
@@ -124,7 +124,7 @@ class Prepared:
         check_out(out, self.outputs)
         library = library_of(values)
         sample_shapes = self._call.argument_shapes
-        if library is not None:  # whether an attitude is one is not checked
+        if library is not None:  # it is not checked that attitudes are rotations
             shapes = {name: np.shape(v)[: np.ndim(v) - len(sample_shapes[name])] for name, v in values.items()}
             plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
             call = cached_call(self._pair, plan, self.given, "auto")

@@ -1,4 +1,4 @@
-"""Residuals of the hinge constraints for any two motions (E1, E2), their tolerances, and the hinge's own motion."""
+"""Residuals of the hinge constraints for any two motions (E1, E2), their tolerances, and the hinge angle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
 
-# The heading of the printed table.
+# The headings of the printed table.
 _RESIDUAL_TABLE_HEADINGS = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
@@ -245,7 +245,7 @@ RESIDUAL_KIND_BY_NAME = {
 components of both bodies.
 """
 
-# The arrays of a report, sample by sample.
+# The attributes of a report that are arrays over the samples.
 _RESIDUALS_ARRAY_ATTRIBUTE_NAMES = (
     *("gap", "tilt", "tilt_angle", "psi"),
     *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
@@ -309,7 +309,7 @@ class LazyResiduals(Results):
         return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
 
 
-# Attributes of `Residuals` that a lazy report refuses.
+# Attributes of `Residuals` that a LazyResiduals does not have.
 _ATTRIBUTE_NAMES_ABSENT_FROM_LAZY_RESIDUALS = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
 
 
@@ -395,7 +395,7 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
     `grid_shape` holds the number of chunks along each axis.
     """
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
-    starts = []  # of the chunks, along each axis
+    starts = []  # along each axis, the indices of the first samples of the chunks
     for axis, count in enumerate(grid_shape):
         first_chunk = (0,) * len(grid_shape)
         along = (by_index[(*first_chunk[:axis], k, *first_chunk[axis + 1 :])].shape[axis] for k in range(count))
@@ -469,8 +469,8 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
 
 
-_SIZE_ARRAY_NAME_PREFIX = "size of "  # of the name of the array of a residual's sizes
-_TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # of the name of the array of a residual's tolerances
+_SIZE_ARRAY_NAME_PREFIX = "size of "  # before the name of the residual
+_TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # before the name of the residual
 # Names of the arrays of sizes and tolerances, which reports do not show.
 _COMPARISON_ARRAY_NAMES = {
     prefix + kind

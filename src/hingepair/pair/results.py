@@ -1,4 +1,4 @@
-"""Results as tables that other tools read, and as files: .csv, .npz, .parquet, .nc."""
+"""Results as tables of other libraries, and as files: .csv, .npz, .parquet, .nc."""
 
 from __future__ import annotations
 
@@ -20,17 +20,19 @@ from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.states import PairState, PlanarState
 
 ROWS_PER_BLOCK: Final = 131072
-"""Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
+"""Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
+rows."""
 MAX_INSTANTS_IN_MEMORY: Final = 10_000_000
-"""Instants that are held in memory at most."""
+"""Largest number of instants of a result that is held in memory; more instants are computed
+block by block, or refused."""
 
-_COMPONENT_LETTERS = "xyz"  # that a component's name ends with
-# Descriptions of the outputs, for files that describe themselves.
+_COMPONENT_LETTERS = "xyz"  # last letters of the names of components
+# Descriptions of the outputs, for files that contain them.
 _DESCRIPTION_BY_STATE_OUTPUT: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
 _CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
-"""Takes some instants, and what was found at them by name."""
+"""Function that takes instants and the arrays at these instants by name."""
 
 
 class Result(Shown):
@@ -369,7 +371,7 @@ def _collecting_writer(
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
     """Write arrays by name to an open binary file in the format .npz."""
-    np.savez(file, **arrays)  # no other keyword: NumPy 2.1 takes each for an array
+    np.savez(file, **arrays)  # NumPy 2.1 takes any further keyword argument for an array
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
@@ -394,12 +396,12 @@ def import_data_package(package: str, caller: str) -> Any:
         raise MissingDependencyError(caller, expected, "none") from None
 
 
-# Writers of files that need all arrays at once, by the ending of the file.
+# Functions that write all arrays at once, by the ending of the file.
 _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {
     ".npz": _write_npz,
     ".nc": _write_netcdf,
 }
-# All writers, by the ending of the file.
+# Context managers that take blocks of rows, by the ending of the file.
 _BLOCK_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv_writer,
     ".parquet": _parquet_writer,

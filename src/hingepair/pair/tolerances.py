@@ -1,4 +1,4 @@
-"""Tolerances of a pair's geometry: random pairs within them, and what they make of the pose of body 2."""
+"""Tolerances of the geometry of a pair: random pairs, and the covariance of the pose of body 2."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GEOMETRY_COMPONENT_NAMES: Final = tuple(
 that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
 
 STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "home_std")
-"""The arguments that say how far each part of the geometry scatters."""
+"""The arguments that are standard deviations of the geometry."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -161,7 +161,9 @@ def sample_pairs(
     n = pair.n
     geometry = geometry_covariance(n, covariance, u1_std=u1_std, u2_std=u2_std, axis_std=axis_std, home_std=home_std)
     values, axes = np.linalg.eigh(geometry)
-    root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T  # the symmetric one, whatever the order of the axes
+    root = (
+        axes * np.sqrt(np.maximum(values, 0.0))
+    ) @ axes.T  # the symmetric square root, which does not depend on the order of the axes
     du1, du2, tilt, turn = np.split(rng.standard_normal((samples, 12)) @ root, 4, axis=1)
     variances = np.diagonal(geometry)
     changed: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The same pair in Pinocchio.
+"""Comparisons of pairs and robots with the same pairs and robots in Pinocchio.
 
-Body 2 by both routes, compared. Imports pair and what lies below it.
+This wing imports `pair`, `mechanism` and the wings below them.
 """

@@ -1,4 +1,4 @@
-"""Body 2 by the equations and by Pinocchio, compared."""
+"""Comparison of the outputs of a pair with the outputs of Pinocchio."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Basics of every model of Pinocchio: the module, the coordinates of a free-flyer, the motion of a frame."""
+"""Functions for all models of Pinocchio: import, coordinates of a free-flyer, and the motion of a frame."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _required_array(body1: BodyMotion, name: str) -> Float64Array:
     None.
 
     Raises:
-        ArgumentError: it is not given.
+        ArgumentError: the attribute is None.
     """
     value = getattr(body1, name)
     if value is None:
@@ -98,8 +98,8 @@ def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Arr
     Vectors are in world axes, accelerations classical; Pinocchio's `data` is overwritten.
 
     Args:
-        model: of Pinocchio.
-        data: its scratch memory.
+        model: Pinocchio's model.
+        data: Pinocchio's `Data` of the model, in which its algorithms store results.
         frame: index of the frame.
         coordinates: Pinocchio's q, or q and v, or q, v and a; shape (N, ...) each.
     """

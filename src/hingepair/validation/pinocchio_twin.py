@@ -4,7 +4,7 @@ Pinocchio's coordinates of the pair:
 
     q = [R1, quat_xyzw(S1), psi]
     v = [S1^T v1, S1^T omega1, psi']                        the free-flyer's velocity is in body 1's axes
-    a = [S1^T (a1 - omega1 x v1), S1^T alpha1, psi'']       and its acceleration the spatial one
+    a = [S1^T (a1 - omega1 x v1), S1^T alpha1, psi'']       the free-flyer's acceleration is spatial
 
 Body 2 is the frame "body2"; read its velocity and classical acceleration in LOCAL_WORLD_ALIGNED.
 """
@@ -35,7 +35,7 @@ from hingepair.validation.free_flyer import (
 from hingepair.validation.robot_twin import RobotTwin, robot_twin
 
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
-"""Motion of body 1, then psi [rad], psid [rad/s] and psidd [rad/s^2]; None for what follows from no argument."""
+"""Motion of body 1, psi [rad], psid [rad/s] and psidd [rad/s^2]; psid is None without v, psidd is None without a."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The report of a cross-validation: how far two routes are apart, output by output; as values, a table, or JSON."""
+"""The report of a cross-validation: the largest difference of each output from Pinocchio, as a table or JSON."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from hingepair.pair.accuracy import (
     SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT,
 )
 
-# The heading of the table of rates.
+# The headings of the table of rates.
 _RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
 MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
-It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
+A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations. The
+largest difference in 1,000 motions was 11.
 """
-# The scale of a load's difference, in words, by the load.
+# Descriptions of the scales of the loads' differences, by the load.
 _SCALE_TEXT_BY_LOAD: Final[Mapping[str, str]] = {
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
-    "hinge_torque": "as of torque1, of body 2 alone",
+    "hinge_torque": "as for torque1, but of body 2 alone",
 }
-# The heading of the table of outputs.
+# The headings of the table of outputs.
 _OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 

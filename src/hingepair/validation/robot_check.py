@@ -1,4 +1,4 @@
-"""A robot by the equations and by Pinocchio, compared."""
+"""Comparison of the outputs of a robot with the outputs of Pinocchio."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robo
 _BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
 _MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX = (
-    1e-12  # of a mass matrix scaled to ones on its diagonal; smaller ones are rounding
+    1e-12  # smaller eigenvalues consist of rounding errors, and the mass matrix counts as singular
 )
 
 
@@ -138,7 +138,7 @@ def _outputs_by_equations(
     """
     q, *rates = coordinates.values()
     base_argument: dict[str, Any] = {"base_motion": base_motion}
-    outputs: dict[str, tuple[Any, int]] = {}  # and how many axes one sample has
+    outputs: dict[str, tuple[Any, int]] = {}  # values, and the number of axes of one sample
     if frames:
         state = robot.forward_kinematics(q, *rates, frames=frames, **base_argument)
         outputs |= {name: (getattr(state, name), 3 if name == "S" else 2) for name in state.outputs}
@@ -282,7 +282,9 @@ def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array)
     `pin`) computes the energy of the links from the model `twin`.
     """
     armature = twin.model.armature.copy()
-    twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
+    twin.model.armature = np.zeros_like(
+        armature
+    )  # Pinocchio 4.1 includes rotors here, except the rotors of oblique hinges
     links: float = pin.computeKineticEnergy(twin.model, twin.data, q, v)
     twin.model.armature = armature
     return links + 0.5 * float(armature @ (v * v))
@@ -299,8 +301,8 @@ def _forward_dynamics_residual(
     that act, (N, k); and a list of texts on joints that nothing resists, one for each sample with a singular mass
     matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output name.
 
-    At a sample with a singular mass matrix we give no accelerations; the forces that act are NaN there, so that
-    nothing is compared.
+    At a sample with a singular mass matrix, hingepair's accelerations are NaN. The forces that act are set to NaN
+    there, so that the sample is not compared.
     """
     pin = import_pinocchio("cross_validate")
     base = samples.base

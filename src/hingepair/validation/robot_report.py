@@ -1,4 +1,4 @@
-"""The report of a robot's cross-validation: per output, how far two routes are apart; as values, a table, or JSON."""
+"""The report of a robot's cross-validation: the largest difference of each output from Pinocchio."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class RobotComparison:
         Args:
             output: name of the output.
             error: differences, NaN where not comparable; shape (N, parts).
-            ratio: the same in units of u * scale.
+            ratio: differences in units of u * scale; shape (N, parts).
             shape: leading shape of the samples, of N elements.
             parts: names of the links or joints.
         """

@@ -1,14 +1,16 @@
-"""The scales by which a robot's results are compared with Pinocchio's: the size of their terms before they cancel.
+"""Scales of the errors of a robot's results: the sizes of the terms of each result before they cancel.
 
-Sizes grow along the way from the base: with l the length of a joint's offset (of a slider with its shift), W and A
-those of angular velocity and acceleration, and a rate q' of hinges (of sliders it adds to v, not to W),
+The sizes grow from the base to the tips. At a joint, l is the length of the offset (with the position of a slider),
+W and A are the sizes of the angular velocity and acceleration, and q' is the rate of a hinge (the rate of a slider
+adds to v, not to W):
 
     R += l      W += abs(q')      v += W l      A += abs(q'') + W abs(q') + q'^2
     a += (A + W^2) l + (W + W2) v + W W2 l
 
-as those of a pair do, Pinocchio's terms included. Roundings add up as well: the scale of a frame is the sum of these
-sizes over the joints before it. A joint that follows another counts as often as its angle has radians, since that
-angle rounds. Forces are the masses times these, summed over what a joint carries.
+The formulas are the same as for a pair, with the extra terms of Pinocchio. Rounding errors add up along the chain:
+the scale of a frame is the sum of these sizes over the joints before it. The sizes of a mimic joint count 1 + abs(q)
+times, because its angle q is rounded. The sizes of forces are masses times sizes of accelerations, summed over the
+bodies that a joint carries.
 """
 
 from __future__ import annotations
@@ -101,7 +103,7 @@ class RobotScales:
             turning = sums["A"] + sums["S"] * size["W"] ** 2
             body_force = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
             force[:, k] += body_force
-            # Pinocchio adds v x m v, which rounds before it vanishes.
+            # Pinocchio adds v x m v, whose terms are rounded before they cancel.
             torque[:, k] += (
                 inertia * turning
                 + lever * body_force
@@ -124,7 +126,10 @@ class RobotScales:
         joints = len(self._tree.joints)
         scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
         for k in range(1 + joints):
-            masses, steps = self._masses(k), 1.0 + self._sums[k]["S"]  # inertias are turned from both sides
+            masses, steps = (
+                self._masses(k),
+                1.0 + self._sums[k]["S"],
+            )  # inertias are multiplied by rotations from both sides
             lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
             carriers = [
                 column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))

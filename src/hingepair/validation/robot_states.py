@@ -1,4 +1,4 @@
-"""States at which a robot is compared with Pinocchio: random ones, and those at which computations tend to fail."""
+"""States for comparisons of robots with Pinocchio: random states, and states at which computations tend to fail."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 
 RANDOM_STATE_COUNT = 200
-"""Number of random states, beside the hard ones."""
+"""Number of random states; the hard states come in addition."""
 
-# Angles of hinges [rad]; sliders are taken at position 0.
+# Angles of hinges [rad] at which computations tend to fail; sliders have the position 0 in these states.
 _HARD_HINGE_ANGLES = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)
-_HARD_JOINT_RATES = (0.0, 1e3, 1e-9)  # [rad/s] of hinges, [m/s] of sliders
+_HARD_JOINT_RATES = (0.0, 1e3, 1e-9)  # of hinges [rad/s], of sliders [m/s]
 
 
 def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -21,10 +21,10 @@ def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Arra
 
     Args:
         robot: the robot.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
 
     Returns:
-        Arrays of shape (N, dof) [rad or m, by s, by s^2].
+        q [rad or m], q' [rad/s or m/s] and q'' [rad/s^2 or m/s^2]; shape (N, dof).
     """
     rng = np.random.default_rng(seed)
     size = RANDOM_STATE_COUNT, robot.dof

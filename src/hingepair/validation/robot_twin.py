@@ -1,12 +1,12 @@
-"""The same robot in Pinocchio, joint by joint.
+"""The model of a robot in Pinocchio.
 
-Of a free base, and of one that moves as it is given, Pinocchio's coordinates begin with those of a free-flyer:
+If the base is free or has a given motion, Pinocchio's coordinates begin with the coordinates of a free-flyer:
 
     q = [R1, quat_xyzw(S1), joints]
     v = [S1^T v1, S1^T omega1, rates]
     a = [S1^T (a1 - omega1 x v1), S1^T alpha1, accelerations]       spatial, not classical
 
-Every joint that moves is a joint there, one that follows another too: q has a number for it as for every other.
+Every moving joint is a joint of the model. Pinocchio's q has a number for each of them, mimic joints included.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class RobotTwin:
         `base_motion` without a free-flyer.
 
         Raises:
-            ArgumentError: q has another shape, or the base stands in this model and base_motion is given.
+            ArgumentError: q has another shape, or base_motion is given and the model has no free-flyer.
         """
         base = self._base_coordinates(base_motion, pinocchio_configuration)
         return _join_coordinates(base, self._joint_coordinates("q", q) + self.offsets)
@@ -69,7 +69,7 @@ class RobotTwin:
         `base_motion` without a free-flyer.
 
         Raises:
-            ArgumentError: as `configuration`.
+            ArgumentError: as for `configuration`.
         """
         self._joint_coordinates("q", q)
         return _join_coordinates(
@@ -84,7 +84,7 @@ class RobotTwin:
         `base_motion` without a free-flyer.
 
         Raises:
-            ArgumentError: as `configuration`.
+            ArgumentError: as for `configuration`.
         """
         self._joint_coordinates("q", q), self._joint_coordinates("qd", qd)
         return _join_coordinates(
@@ -116,7 +116,7 @@ class RobotTwin:
 
 
 RESTING_BASE_MOTION = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
-"""A base that rests at the origin."""
+"""Motion of a base that rests at the origin."""
 
 
 def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> RobotTwin:
@@ -125,7 +125,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
     MissingDependencyError if Pinocchio is not installed.
 
     Args:
-        robot: the robot; the mass of a fixed base, which counts nowhere, is not in the model.
+        robot: the robot. The mass of a fixed base is not in the model, because it has no effect.
         has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
 
     Raises:
@@ -153,7 +153,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
             model.addFrame(pin.Frame(name, root + frame.body, placement, kind))
     if robot.base == "free":
         model.inertias[root] = _pinocchio_inertia(pin, tree.base)
-    for number, joint in enumerate(tree.joints, root + 1):  # after all frames: adding one rounds the masses
+    for number, joint in enumerate(tree.joints, root + 1):  # after all frames, because addFrame rounds the masses
         model.inertias[number] = _pinocchio_inertia(pin, joint.body)
     columns = {joint.name: column for column, joint in enumerate(tree.coordinates)}
     ratios, offsets = np.zeros((len(tree.joints), len(columns))), np.zeros(len(tree.joints))
@@ -166,7 +166,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
 
 def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
     """Return mass properties as Pinocchio's Inertia, unchecked. `pin` is the module pinocchio."""
-    inertia = pin.Inertia.Zero()  # its constructor refuses what no rigid body has
+    inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
     return inertia
 

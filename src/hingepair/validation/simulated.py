@@ -1,4 +1,4 @@
-"""A simulated motion compared with Pinocchio's inverse dynamics, and its rates with slopes."""
+"""Comparison of a simulated motion with Pinocchio's inverse dynamics, and of its rates with slopes."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], t
     ("free", True): (0, 1, 5, 6),
     ("pinned", True): (5, 6),
 }
-"""Components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that nothing but
-loads gives, by the base and by whether the motion is in the plane; the hinge's alone if body 1 is held or carried."""
-# Where the loads stand in Pinocchio's generalized force.
+"""Indices of the components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that
+only loads cause, by the base and by whether the motion is planar. For other bases, it is only the hinge torque."""
+# The components of the loads in Pinocchio's generalized force.
 _FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
-_FINITE_DIFFERENCE_ACCURACY_ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
-# Largest accepted error of a rate; a rate that belongs to other values differs by more.
+_FINITE_DIFFERENCE_ACCURACY_ORDERS: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
+# Largest accepted error of a rate; rates of another motion differ by more.
 _RATE_TOLERANCE_TO_LARGEST_RATE: Final = 0.05
-# Where a rate changes by more between two samples, an oscillation may be hidden between them.
+# If a rate changes by more between two samples, there may be an oscillation between them, and it is not compared.
 _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE: Final = 0.5
 
 
@@ -54,13 +54,14 @@ def compare_forces(
         pair: the pair in space, with its masses.
         body1: motion of body 1, all its derivatives; shape (N,).
         hinge: psi, psi' and psi''; shape (N,) each.
-        loads: what acts, by name: force1, torque1, force2, torque2, (N, 3), and hinge_torque, (N,), and its parts.
+        loads: acting loads by name, world axes: force1, torque1, force2 and torque2, shape (N, 3); hinge_torque and
+            its parts, shape (N,).
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-        base: "free", "pinned", "fixed" or "prescribed": what holds body 1 gives forces that are no loads.
-        is_planar: whether the motion is in the plane z = 0, which takes forces across it that are no loads either.
+        base: "free", "pinned", "fixed" or "prescribed". Forces that hold body 1 are not loads.
+        is_planar: whether the motion is in the plane z = 0. Forces that hold the bodies in the plane are not loads.
 
     Returns:
-        Of each of force1, torque1 (body 1's axes) and hinge_torque that loads alone give: the largest difference.
+        A Comparison for each of force1, torque1 (in the axes of body 1) and hinge_torque that only loads cause.
     """
     pin = import_pinocchio("compare_forces")
     twin = to_pinocchio(pair)
@@ -68,7 +69,7 @@ def compare_forces(
     psi, psid, psidd = hinge
     q, v = twin.configuration(body1, psi), twin.velocity(body1, psi, psid)
     a = twin.acceleration(body1, psi, psid, psidd)
-    q[:, :3] = 0.0  # forces do not depend on the place, whose size would round the levers away
+    q[:, :3] = 0.0  # forces do not depend on the position, and a large one would round the levers
     to_body1_axes = np.swapaxes(np.asarray(body1.S), -1, -2)
     body1_loads = [(to_body1_axes @ loads[name][..., None])[..., 0] for name in ("force1", "torque1")]
     load_forces = np.concatenate([*body1_loads, loads["hinge_torque"][:, None]], axis=-1)
@@ -135,17 +136,17 @@ def compare_rates(
     return a tuple with a RateComparison for each rate. `hinge` is (psi, psi', psi''); the rates of the BodyMotion
     `body1` are compared only if `body1_moves`.
 
-    Only instants at which slopes of order 6 and order 4 agree are compared: not those beside kinks, and none where
-    the instants are too few for the motion. A rate that differs is wrong; one that is not compared may be right.
+    Instants are compared only if slopes of order 6 and of order 4 agree there. Instants near a kink are not compared,
+    and no instants if they are too few for the motion. A rate that was not compared may be right or wrong.
 
     Args:
-        t: instants; shape (N,) s.
+        t: instants [s]; shape (N,).
         body1: motion of body 1, all its derivatives; shape (N,).
         hinge: psi, psi' and psi''; shape (N,) each.
         body1_moves: whether the rates of body 1 are compared too.
 
     Returns:
-        Of each rate the largest difference, and at how many instants it was compared.
+        For each rate, the largest difference and the number of compared instants.
     """
     S, omega = np.asarray(body1.S), np.asarray(body1.omega)
     chains: list[tuple[tuple[str, str, str], tuple[Any, Any, Any]]] = [(("psi", "psid", "psidd"), hinge)]  # type: ignore[list-item]
