@@ -148,7 +148,9 @@ def test_what_follows_a_locked_joint_is_held():
 
 
 def test_a_leader_that_does_not_exist_is_told():
-    with pytest.warns(UserWarning, match="joint 'b' follows 'x', which the robot does not have; it moves on its own"):
+    with pytest.warns(
+        hp.DynamicsWarning, match="joint 'b' follows 'x', which the robot does not have; it moves on its own"
+    ):
         tree = tree_of_urdf(mimic_arm(("b", "x", 2, 0)), "fixed", None, None)
     assert [joint.mimic for joint in tree.joints] == [None] * 4
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
@@ -13,7 +12,7 @@ from hingepair.mechanism.folding import JointPart
 from hingepair.mechanism.shapes import link_shapes, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import Body
+from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
@@ -33,7 +32,7 @@ BASE_LINK_NAME = "base"
 
 def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
     """Convert a RobotRecord that was read from URDF to a list of JointParts: the base, then the joints depth-first by
-    name. Issue a UserWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for
+    name. Issue a DynamicsWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for
     links and joints that do not form a tree of hinges and sliders.
 
     Raises:
@@ -62,7 +61,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
             message = (
                 f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have; it moves on its own"
             )
-            warnings.warn(message, UserWarning, stacklevel=4)
+            warn_of_dynamics(message)
             mimic = None
         parts.append(
             JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
