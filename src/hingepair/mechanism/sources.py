@@ -32,12 +32,12 @@ BASE_LINK_NAME = "base"
 
 def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
     """Convert a RobotRecord that was read from URDF to a list of JointParts: the base, then the joints depth-first by
-    name. Issue a DynamicsWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError for
-    links and joints that do not form a tree of hinges and sliders.
+    name. Issue a DynamicsWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError
+    for links and joints that do not form a tree of hinges and sliders.
 
     Raises:
-        URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
-            the joint or the link. A joint that follows one that does not exist moves by itself, with a warning.
+        URDFError: the links and joints are no tree, a joint is of a type that has no part, or a number is missing;
+            names the joint or the link.
     """
     root, joints = robot.tree()
     parents = {joint.parent for joint in joints}
