@@ -171,7 +171,7 @@ NAMED_FOR_CONTRIBUTORS = {
     "plans/trees.py": ("Form", "placements"),
     "mechanism/tree.py": ("Joint",),
     "cli/output.py": ("JsonOption",),
-    "cli/main.py": ("COMMANDS_BY_NAME",),
+    "cli/main.py": ("COMMAND_FUNCTION_BY_NAME",),
 }
 
 

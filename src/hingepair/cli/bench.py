@@ -6,7 +6,7 @@ import contextlib
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from hingepair.bench.measure import Report
 
 bench_app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
-
-_MAX_NOTE_LINE_WIDTH: Final = 100  # longest line of the notes below the table [characters]
 
 BenchJsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON, which includes facts about the machine, instead of tables.")
@@ -60,7 +58,7 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
     for line in report.table(terminal_width(screen)):
         screen.print(line)
     for sentence in (*report.notes, machine):
-        for line in textwrap.wrap(sentence, _MAX_NOTE_LINE_WIDTH):
+        for line in textwrap.wrap(sentence, 100):
             screen.print(line)
 
 

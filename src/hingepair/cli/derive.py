@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -27,10 +27,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES, Scene
 
-_DEFAULT_SNAP_ANGLE_RAD: Final = 1e-6
-"""Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
-
-DEFAULT_DERIVED_OUTPUTS = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
+DEFAULT_DERIVED_OUTPUT_NAMES = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
 
 
@@ -145,7 +142,7 @@ def _derive_pair(
     default_names = (
         default_outputs(ACCELERATION, PLANAR_MOTION_KIND)
         if forms.kind is PLANAR_MOTION_KIND
-        else DEFAULT_DERIVED_OUTPUTS
+        else DEFAULT_DERIVED_OUTPUT_NAMES
     )
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":
@@ -169,7 +166,7 @@ def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tup
         if not os.path.exists(source) and not source.lower().endswith(".toml"):
             robot_urdf(source)  # raises an error that lists the robots
         return None
-    max_angle = _DEFAULT_SNAP_ANGLE_RAD if snap is None else snap
+    max_angle = 1e-6 if snap is None else snap
     snapped = Mechanism.from_urdf(source, snap=max_angle) if is_urdf(source) else load_robot(source, snap=max_angle)
     largest_change = _largest_rotation_change(robot, snapped)
     note = (

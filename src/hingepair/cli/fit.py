@@ -30,10 +30,6 @@ from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
-_MIN_RECOMMENDED_PSI_RANGE_DEG = 30.0  # if the hinge turns less, the report recommends to turn it further
-_MAX_STDS_TO_ADVISE_ZERO_CLOCK_OFFSET = 4.0  # a clock offset of more standard deviations is significant
-_MAX_UNREPORTED_MISSING_SAMPLE_FRACTION = 0.1  # fraction of missing samples above which the report mentions them
-
 
 def fit_command(
     files: Annotated[
@@ -378,18 +374,18 @@ def _advice(fitted: HingeFit) -> list[str]:
         if fitted.loss == "linear":
             advice.append("Repeat with `--loss cauchy` where some samples may be outliers.")
     low, high = np.degrees(fitted.psi_range)
-    if high - low < _MIN_RECOMMENDED_PSI_RANGE_DEG:
+    if high - low < 30:
         advice.append(
             f"Let the hinge turn further than {high - low:.2g} deg: the standard deviations of the axis and of the "
             "point fall in proportion."
         )
     if fitted.clock_offset is not None and fitted.std["clock_offset"] > 0:
-        certain = abs(fitted.clock_offset) > _MAX_STDS_TO_ADVISE_ZERO_CLOCK_OFFSET * fitted.std["clock_offset"]
-        if not certain:
+        is_significant = abs(fitted.clock_offset) > 4 * fitted.std["clock_offset"]
+        if not is_significant:
             advice.append(
                 "Repeat with `--clock-offset 0` if both bodies were recorded by one clock: it is more certain."
             )
-    if fitted.samples < (1 - _MAX_UNREPORTED_MISSING_SAMPLE_FRACTION) * fitted.psi.size:
+    if fitted.samples < 0.9 * fitted.psi.size:
         advice.append("Find out why so many samples are missing; a gap in the motion costs certainty.")
     if fitted.ok:
         advice.append("Check the hinge on a second recording: `pair.residuals(body1, body2, tolerances)`.")

@@ -38,7 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS_BY_NAME: dict[str, Callable[..., None]] = {
+COMMAND_FUNCTION_BY_NAME: dict[str, Callable[..., None]] = {
     "run": run_command,
     "check": check_command,
     "forces": forces_command,
@@ -55,7 +55,7 @@ COMMANDS_BY_NAME: dict[str, Callable[..., None]] = {
 }
 """The commands by the names that users type, in the order of --help."""
 
-for command_name, command in COMMANDS_BY_NAME.items():
+for command_name, command in COMMAND_FUNCTION_BY_NAME.items():
     app.command(command_name)(with_option_names(command))
 app.add_typer(bench_app, name="bench")
 

@@ -31,9 +31,8 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
 
-_DEFAULT_OUT_HELP_TEXT = (
-    "default: the scene's name in the current folder, unless that file exists."  # in the help of --out
-)
+# Part of the help of --out.
+_DEFAULT_OUT_HELP_TEXT = "default: the scene's name in the current folder, unless that file exists."
 
 
 def plot_command(

@@ -19,7 +19,7 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES, JointRecord, MimicRecord, RobotRecord
 
-# Headings of the two tables: of robots, and of the joints of one.
+# Headings of the table of robots.
 ROBOT_TABLE_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
 # Headings of the table of joints.
 JOINT_TABLE_HEADINGS = (
@@ -36,12 +36,12 @@ JOINT_TABLE_HEADINGS = (
     ),
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
+# Columns of numbers in the table of joints, which are right-aligned.
 _RIGHT_ALIGNED_JOINT_COLUMN_INDICES = {0, 6, 7, 8, 9, 10}
-"""Columns of numbers in the table of joints, which are right-aligned."""
 
 
 def robots_command(
-    name: Annotated[
+    name_or_urdf_file: Annotated[
         str | None,
         typer.Argument(metavar="NAME", help="Robot or URDF file whose joints are listed; default: list the robots."),
     ] = None,
@@ -54,7 +54,7 @@ def robots_command(
     file, the limits of position, effort and rate, the mass of body 2 and of all bodies that the joint moves, and the
     joint that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge as a pair.
     """
-    if name is None:
+    if name_or_urdf_file is None:
         rows = [_robot_table_row(robot) for robot in robot_names()]
         report: Any = rows
         lines = align_columns(
@@ -62,7 +62,7 @@ def robots_command(
             {1, 2, 3, 4},
         )
     else:
-        report = _joint_report(name)
+        report = _joint_report(name_or_urdf_file)
         table = (
             align_columns(
                 [JOINT_TABLE_HEADINGS, *map(_joint_cells, report["joints"])], _RIGHT_ALIGNED_JOINT_COLUMN_INDICES
@@ -70,7 +70,7 @@ def robots_command(
             if report["joints"]
             else []
         )
-        lines = [*table, *map(printable, _joint_table_notes(name, report))]
+        lines = [*table, *map(printable, _joint_table_notes(name_or_urdf_file, report))]
     if as_json:
         print(json_text(report))
     else:
@@ -93,14 +93,14 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
     return dict(zip(ROBOT_TABLE_HEADINGS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
 
-def _joint_report(name: str) -> dict[str, Any]:
+def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
     """Return the report on a robot, given by its name or URDF file, as a dict for JSON: its name, dof, the rows of
     its moving joints, the names of its fixed joints (key `folded`) and notes. If it cannot be loaded as a Mechanism,
     dof is None and a note says why.
 
     A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """
-    path = name if is_urdf(name) else robot_urdf(name)
+    path = name_or_urdf_file if is_urdf(name_or_urdf_file) else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
     moving = [
         joint for joint in robot.joints if joint.type in (*HINGE_JOINT_TYPES, *SLIDER_JOINT_TYPES) and joint.name

@@ -38,12 +38,6 @@ from hingepair.validation.report import CrossValidation
 from hingepair.validation.robot_report import RobotValidation
 from hingepair.validation.robot_states import random_and_hard_states
 
-MAX_CHECKED_PAIR_INSTANTS = 10_001
-"""Instants of a pair that `check` compares with Pinocchio at most, evenly spread; they take about a second."""
-
-MAX_CHECKED_MECHANISM_INSTANTS = 501
-"""Instants of a mechanism that `check` compares at most; those of a humanoid take some seconds."""
-
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_SUFFIXES)}).")]
 
@@ -135,9 +129,9 @@ def check_command(
     scene = load_scene(Path(source))
     report: CrossValidation | RobotValidation
     if isinstance(scene, Scene):
-        report, notes = scene.cross_validate(MAX_CHECKED_PAIR_INSTANTS), scene.motion.notes
+        report, notes = scene.cross_validate(10_001), scene.motion.notes  # these instants take about a second
     else:
-        report, notes = scene.cross_validate(MAX_CHECKED_MECHANISM_INSTANTS), scene.joint_motion.notes
+        report, notes = scene.cross_validate(501), scene.joint_motion.notes  # of a humanoid, some seconds
     if report.samples < scene.samples:
         notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)
     if as_json:

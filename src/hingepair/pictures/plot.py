@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # Colours of the paths of the bodies' reference points and of the hinge point.
 _COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 # Outputs in the rows of panels, by column.
-_OUTPUTS_BY_PANEL_ROW: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
+_OUTPUT_NAMES_BY_PANEL_ROW: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
 _ATTITUDE_OUTPUT_NAMES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
 _TITLE_BY_OUTPUT: Final = {
@@ -136,11 +136,11 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
     """Draw the curves of a pair's motion, given by name, its paths in space and the residual of E1 in a new figure of
     the class `figure_type`; return the figure.
     """
-    columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUTS_BY_PANEL_ROW))
+    columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUT_NAMES_BY_PANEL_ROW))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
     first: Any = None
-    for row, names in enumerate(_OUTPUTS_BY_PANEL_ROW):
+    for row, names in enumerate(_OUTPUT_NAMES_BY_PANEL_ROW):
         for column, name in enumerate(name for name in names if name in curves):
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes

@@ -12,12 +12,8 @@ from hingepair.mechanism.tree import Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
-_ROD_DENSITY: Final = 2000.0  # [kg/m^3] that relates the mass of a rod to its radius: metal, motors and air
-_ROD_RADIUS_TO_ROBOT_SIZE_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
-_MAX_ROD_RADIUS_TO_LENGTH: Final = 0.3  # largest radius of a short rod over its length
-_DRAWABLE_ROBOT_SIZE_RANGE: Final = (1e-6, 1e6)  # [m] smallest and largest size of a robot that is drawn to scale
-_MAX_DRAWN_POSITION_LIMIT: Final = 1e4  # [rad or m] a larger limit in a file stands for no limit
-_MIN_ROD_LENGTH_TO_ROBOT_SIZE: Final = 1e-3  # length of a rod over the robot's size below which it is left out
+# Length of a rod over the robot's size up to which the rod is not drawn.
+_MIN_ROD_LENGTH_TO_ROBOT_SIZE: Final = 1e-3
 
 
 class SimpleBody(NamedTuple):
@@ -44,16 +40,13 @@ def robot_size(tree: Tree) -> float:
     ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
     centres = [2 * math.hypot(*body.center_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
     size = max(*lengths, *ends) or max(centres)
-    return size if _DRAWABLE_ROBOT_SIZE_RANGE[0] <= size <= _DRAWABLE_ROBOT_SIZE_RANGE[1] else 1.0
+    return size if 1e-6 <= size <= 1e6 else 1.0
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
     """Return the lower and upper position limit of a joint [rad or m]; infinite if it is missing or huge."""
     lower, upper = joint.position_limits
-    return (
-        lower if lower > -_MAX_DRAWN_POSITION_LIMIT else -math.inf,
-        upper if upper < _MAX_DRAWN_POSITION_LIMIT else math.inf,
-    )
+    return lower if lower > -1e4 else -math.inf, upper if upper < 1e4 else math.inf
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
@@ -140,16 +133,15 @@ def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
     """Return the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
-    least = (
-        min(_ROD_RADIUS_TO_ROBOT_SIZE_RANGE[0] * size, _MAX_ROD_RADIUS_TO_LENGTH * length)
-        if length > _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size
-        else _ROD_RADIUS_TO_ROBOT_SIZE_RANGE[0] * size
-    )
+    thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
+    is_drawn = length > _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size
+    least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
     if not mass > 0:
-        return max(least, min(0.02 * size, _MAX_ROD_RADIUS_TO_LENGTH * length))
+        return max(least, min(0.02 * size, thickest_of_short_rods))
+    density = 2000.0  # [kg/m^3] of metal, motors and air
     joint_length = 0.25 * size  # of the parts of a body besides its rods
-    radius = math.sqrt(mass / (math.pi * _ROD_DENSITY * (length + joint_length)))
-    return min(max(radius, least), _ROD_RADIUS_TO_ROBOT_SIZE_RANGE[1] * size)
+    radius = math.sqrt(mass / (math.pi * density * (length + joint_length)))
+    return min(max(radius, least), thickest)
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:

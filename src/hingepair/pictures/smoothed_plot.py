@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAND_HALF_WIDTH_STDS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
-_SMOOTHED_MOTION_OUTPUT_NAMES: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
-_SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
+# Outputs of a SmoothedMotion that can be drawn.
+_SMOOTHED_MOTION_OUTPUT_NAMES: Final = ("R", "v", "a", "S", "omega", "alpha")
+# Outputs of a SmoothedAngle that can be drawn.
+_SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
@@ -64,5 +65,5 @@ def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Floa
     """
     colours = COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
-        half = _BAND_HALF_WIDTH_STDS * np.interp(t, instants, deviations)
+        half = 2 * np.interp(t, instants, deviations)
         axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)
