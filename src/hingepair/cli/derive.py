@@ -119,10 +119,10 @@ def _derive_pair(
     output_format: str,
     short: bool | None,
 ) -> str:
-    """Return formulas as text: those of the motion of a Scene, or those of an arbitrary motion if `scene_or_pair` is
-    a pair or a simulated Scene. `scene_file` is the file of a pair, from which exact values are read, or None.
-    `symbols` are the names of the constants that stay symbols, `outputs` the names of outputs, or None for those of
-    the scene or the default. `output_format` is text, latex, python or json. `short` True abbreviates repeated terms;
+    """Return the formulas of the motion of a Scene as text, or of an arbitrary motion if `scene_or_pair` is a pair or
+    a simulated Scene. `scene_file` is the path of a pair's file, from which exact values are read, or None. `symbols`
+    are the names of the constants that stay symbols, `outputs` the names of outputs, or None for the outputs of the
+    scene or the default. `output_format` is text, latex, python or json. `short` True abbreviates repeated terms;
     None does so if lines are long.
     """
     from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
@@ -156,10 +156,10 @@ def _derive_pair(
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return (robot, notes): the Mechanism of a robot's name or URDF file, with each angle that is closer than `snap`
-    [rad] (None for the default) to a multiple of pi/2 replaced by it, and a tuple with a sentence on this, empty if
-    no angle changed. Return None for another source, such as a pair's scene file. Raise an ArgumentError for an
-    unknown name.
+    """Return (robot, notes): the Mechanism of a robot's name or URDF file, with each angle that is closer than
+    `snap` [rad] (None for 1e-6) to a multiple of pi/2 replaced by it, and a tuple with a sentence on this,
+    empty if no angle changed. Return None for another source, such as a pair's scene file. Raise an
+    ArgumentError for an unknown name.
     """
     robot = load_named_robot(source)
     if robot is None:

@@ -28,7 +28,7 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run_command(*args: Any, **values: Any) -> None:
         """Call the command with all arguments. Raise its ArgumentErrors again with the name of the option in place of
-        that of the Python argument, and with a hint if a typed file does not exist.
+        the name of the Python argument, and with a hint if a typed file does not exist.
         """
         try:
             command(*args, **values)

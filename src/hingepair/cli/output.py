@@ -87,7 +87,7 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any)
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
     """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
     itself if standard error is no terminal or there is only one part. Each part but the last has ROWS_PER_BLOCK
-    instants, and `num_instants` counts those of all parts.
+    instants, and `num_instants` is the number of instants of all parts.
     """
     screen = Console(stderr=True)
     if num_instants <= ROWS_PER_BLOCK or not screen.is_terminal:
@@ -99,8 +99,8 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
 
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
-    """Return a context manager that prints, if a SystemExit such as that of a signal leaves its block, that `out` is
-    not written. The SystemExit is raised again.
+    """Return a context manager that prints, if its block is left by a SystemExit, which a signal raises, that `out`
+    is not written. The SystemExit is raised again.
     """
     try:
         yield

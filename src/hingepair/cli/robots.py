@@ -94,9 +94,9 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
 
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
-    """Return the report on a robot, given by its name or URDF file, as a dict for JSON: its name, dof, the rows of
-    its moving joints, the names of its fixed joints (key `folded`) and notes. If it cannot be loaded as a Mechanism,
-    dof is None and a note says why.
+    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON: its name, dof,
+    the rows of its moving joints, the names of its fixed joints (key `folded`) and notes. If it cannot be loaded as a
+    Mechanism, dof is None and a note says why. Raise an ArgumentError for an unknown name.
 
     A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """

@@ -37,7 +37,8 @@ class LargestResidual(NamedTuple):
 
 
 class RunSummary:
-    """Collects the summary of a scene's run piece by piece: three instants, ranges, and residuals of a pair.
+    """Collects the summary of a scene's run: the method `add` takes one block of the results after the other, and the
+    other methods return a table of three instants and ranges, the ranges, the residuals of a pair, and the notes.
 
     Attributes:
         lost: number of instants with a value that is not finite.
@@ -99,8 +100,8 @@ class RunSummary:
 
     @property
     def coincident_frames(self) -> dict[str, str]:
-        """Names of the frames of a mechanism that moved exactly as an earlier frame, each with the name of that
-        frame, a dict.
+        """Dict from the name of each frame of a mechanism that moved exactly as an earlier frame to the name of that
+        frame.
         """
         return self._coincident or {}
 

@@ -75,8 +75,8 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Return a context manager that prints, if a SystemExit such as that of a signal leaves its block, that the same
-    command continues the sweep with the store `path`. The SystemExit is raised again.
+    """Return a context manager that prints, if its block is left by a SystemExit, which a signal raises, that the
+    same command continues the sweep with the store `path`. The SystemExit is raised again.
     """
     try:
         yield

@@ -26,7 +26,7 @@ _ONE_OR_THREE_NUMBERS_TEXT = "a number, or three separated by commas"
 
 
 def _std_option(quantity: str, unit: str, numbers: str = _ONE_OR_THREE_NUMBERS_TEXT) -> Any:
-    """Return an option for the standard deviation of a quantity."""
+    """Return a Typer option for the standard deviation of a quantity."""
     return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
 

@@ -44,14 +44,16 @@ def robot_size(tree: Tree) -> float:
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
-    """Return the lower and upper position limit of a joint [rad or m]; infinite if it is missing or huge."""
+    """Return the lower and upper position limit of a joint [rad or m] as a tuple; infinite if a limit is missing, or
+    is 1e4 or more.
+    """
     lower, upper = joint.position_limits
     return lower if lower > -1e4 else -math.inf, upper if upper < 1e4 else math.inf
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the lower and upper end of the range of a joint on its page's slider [rad or m]: its limits, or defaults
-    for missing ones. For a sliding joint, the default depends on the robot's size [m].
+    """Return the tuple (lower, upper) of the ends of the range of a joint on its page's slider [rad or m]: its
+    limits, or defaults for missing ones. For a sliding joint, the default depends on the robot's size [m].
 
     Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
     around 0. With one limit, the range has the same width.
@@ -64,7 +66,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return a list of the simple shapes (rods, drums, prisms) of each body of a robot, the base first. `size` is the
+    """Return a list of the `SimpleBody` (rods, drums, prisms) of each body of a robot, the base first. `size` is the
     length of the robot [m], to which thicknesses are proportional.
 
     Args:
@@ -118,7 +120,7 @@ def axes_along(axis: Any) -> Float64Array:
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
     """Return a list of the ends of the rods of the body with the number `body_number`, which carries no joints, in
-    its axes [m]; empty if they are too near. `size` is the length of the robot [m].
+    its axes [m]; empty if they are too near to the reference point. `size` is the length of the robot [m].
 
     They are its tip links or, if these are too near, the point twice as far as its centre of mass.
     """
@@ -132,7 +134,9 @@ def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
-    """Return the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
+    """Return the radius of a body's rods [m] from the body's mass [kg], the length of the rods [m] and the robot's
+    size [m].
+    """
     thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
     is_drawn = length > _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size
     least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
@@ -145,8 +149,8 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a cylinder of the given radius from the reference point to `end`, and a sphere there; an empty tuple if
-    the cylinder is too short for the robot's size [m].
+    """Return a tuple of a cylinder of the given radius from the reference point to `end`, and a sphere at `end`; an
+    empty tuple if the cylinder is too short for the robot's size [m].
     """
     length = math.hypot(*end)
     if length <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE * size:
