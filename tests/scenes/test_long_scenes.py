@@ -57,6 +57,10 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
     some = np.array([0, count // 2, count - 1])
     np.testing.assert_array_equal(found[some], expected[some])
     assert (found[0], found[-1]) == (start, expected[-1])
+    assert list(found) == expected.tolist()  # and iteration ends
+    for index in (count, -count - 1, np.array([0, count])):
+        with pytest.raises(IndexError, match=f"index out of range for {count} instants"):
+            found[index]
 
 
 @pytest.mark.usefixtures("one_backend")

@@ -43,11 +43,16 @@ class UniformInstants:
         return self.samples
 
     def __getitem__(self, rows: int | Rows) -> Any:
-        """Return one instant as a float64, or an array of the instants with the given indices."""
+        """Return one instant as a float64, or an array of the instants with the given indices. Raise an IndexError if
+        an index is out of range.
+        """
         if isinstance(rows, slice):
             numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
         else:
-            numbers = np.asarray(rows, dtype=np.float64) % self.samples
+            numbers = np.asarray(rows, dtype=np.float64)
+            if ((numbers < -self.samples) | (numbers >= self.samples)).any():
+                raise IndexError(f"index out of range for {self.samples} instants")
+            numbers = numbers % self.samples
         step = (self.stop - self.start) / max(self.samples - 1, 1)
         instants: Float64Array = numbers * step + self.start
         last = (numbers == self.samples - 1) & (self.samples > 1)
