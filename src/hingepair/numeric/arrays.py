@@ -21,9 +21,6 @@ Block: TypeAlias = tuple[slice, ...]
 FLOAT64_DTYPE: Final = np.dtype(np.float64)
 """The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
 
-# What messages say of the dtypes that are accepted.
-_ACCEPTED_DTYPES_MESSAGE = "real numbers (float64, float32 or integers)"
-
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already. Raise
@@ -50,7 +47,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
-    raise DtypeError(name, _ACCEPTED_DTYPES_MESSAGE, _describe(array))
+    raise DtypeError(name, "real numbers (float64, float32 or integers)", _describe(array))
 
 
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:

@@ -88,7 +88,7 @@ def sine(x: Component) -> Component:
     """
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
-    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "sine")
+    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "sine")
 
 
 def cosine(x: Component) -> Component:
@@ -97,7 +97,7 @@ def cosine(x: Component) -> Component:
     """
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
-    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "cosine")
+    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "cosine")
 
 
 def angle_terms(phi: Components) -> Components:
@@ -116,7 +116,7 @@ def hinge_terms(psi: Component) -> Components:
     """
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
-        return s, _own(psi, "versine"), c
+        return s, _apply_by_name(psi, "versine"), c
     return s, (versines if isinstance(c, np.ndarray) else versine)(s, c), c
 
 
@@ -135,12 +135,12 @@ def hinge_cosine(hinge: Components) -> Component:
     return hinge[2]
 
 
-def _own(x: Component, function: str) -> Component:
+def _apply_by_name(x: Component, function_name: str) -> Component:
     """Return the function named `function`, such as "sine", of x, which is computed by the method of x with this
     name, or if there is none, by the array library of x.
     """
-    method = getattr(x, function, None)
-    return array_libraries.apply_function(function, x) if method is None else method()
+    method = getattr(x, function_name, None)
+    return array_libraries.apply_function(function_name, x) if method is None else method()
 
 
 def _map_components(group: Any, change: Callable[[Component], Component]) -> Any:

@@ -19,14 +19,8 @@ MAX_SINE_ERROR_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
-_NUM_ROUNDINGS_IN_SAFETY_FACTOR = 1024
-"""Roundings in the precision that is bounded that the safety factor of a bound covers."""
-
 UNIT_ROUNDOFF: Final = 2.0**-53
 """Largest relative error u of a rounding to double precision."""
-
-_BOUND_ARITHMETIC_RELATIVE_ERROR = 2.0**16 * UNIT_ROUNDOFF
-"""Rounding of the bound's own arithmetic, which is float64: a robot's longest recursion takes fewer operations."""
 
 
 class Bounded:
@@ -64,13 +58,14 @@ class Bounded:
         """Error bound, as a number or an array: `bound` times a safety factor that covers the rounding of the bound's
         own arithmetic; infinite where the bound is NaN.
         """
-        bound = self.bound * (1 + max(_NUM_ROUNDINGS_IN_SAFETY_FACTOR * self.u, _BOUND_ARITHMETIC_RELATIVE_ERROR))
+        # A robot's longest recursion takes fewer than 2^16 operations, whose bounds are computed in float64.
+        bound = self.bound * (1 + max(2.0**10 * self.u, 2.0**16 * UNIT_ROUNDOFF))
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
         x, y = self, self._with(other)
         total = x.value + y.value
-        carried, rounding = x.bound + y.bound, self._rounding(total, x.bound + y.bound)
+        carried, rounding = x.bound + y.bound, self._rounding_error(total, x.bound + y.bound)
         # A sum is rounded by no more than its smaller term: the larger one is a number, too.
         least = np.minimum(np.abs(x.value) + 2 * x.bound, np.abs(y.value) + 2 * y.bound)
         return type(self)(total, carried + np.where(np.isinf(rounding), np.inf, np.minimum(rounding, least)))
@@ -91,7 +86,7 @@ class Bounded:
         product = x.value * y.value
         carried = np.abs(x.value) * y.bound + np.abs(y.value) * x.bound + 3 * x.bound * y.bound
         exact = _multiplies_exactly(x) | _multiplies_exactly(y)
-        rounding = self._rounding(product, carried) + 4 * self.smallest
+        rounding = self._rounding_error(product, carried) + 4 * self.smallest
         return type(self)(product, carried + np.where(exact, 0.0, rounding))
 
     __rmul__ = __mul__
@@ -103,7 +98,7 @@ class Bounded:
         exact = np.abs(ratio) + self.bound / near + np.abs(ratio) * (other.bound / near)
         least = size - 2 * other.bound  # of the denominator of any evaluation
         carried = np.where(least > 0, self.bound / least + exact * (other.bound / least), np.inf)
-        return type(self)(ratio, carried + self._rounding(ratio, carried) + 4 * self.smallest)
+        return type(self)(ratio, carried + self._rounding_error(ratio, carried) + 4 * self.smallest)
 
     def __rtruediv__(self, other: float) -> Self:
         made: Self = self._with(other) / self
@@ -121,7 +116,7 @@ class Bounded:
         sine adds 1.5 units in the last place; the sine of an exact 0 has no error.
         """
         s = np.sin(self.value)
-        rounding = self._of_sine(np.abs(s) + 2 * self.bound) + self.smallest
+        rounding = self._sine_evaluation_error(np.abs(s) + 2 * self.bound) + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
@@ -131,7 +126,7 @@ class Bounded:
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
-        rounding = np.minimum(self._of_sine(np.abs(c) + 2 * self.bound), near_one)
+        rounding = np.minimum(self._sine_evaluation_error(np.abs(c) + 2 * self.bound), near_one)
         return type(self)(c, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def _is_exact_zero(self) -> Any:
@@ -153,7 +148,7 @@ class Bounded:
         return other if isinstance(other, Bounded) else cls(other)
 
     @classmethod
-    def _rounding(cls, value: Component, carried: Component) -> Component:
+    def _rounding_error(cls, value: Component, carried: Component) -> Component:
         """Return the largest rounding error of a result, half a unit in its last place; `value` is the computed
         result and `carried` its error bound. The error is infinite where the result may overflow.
         """
@@ -161,12 +156,12 @@ class Bounded:
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod
-    def _of_sine(cls, value: Component) -> Component:
+    def _sine_evaluation_error(cls, size: Component) -> Component:
         """Return the largest error of an evaluated sine or cosine of the size `value`, MAX_SINE_ERROR_ULPS units in
         the last place.
         """
-        size = np.minimum(np.abs(value) * (1 + 4 * cls.u), 1 - cls.u)
-        return in_last_places(MAX_SINE_ERROR_ULPS, size, cls.u)
+        largest_size = np.minimum(np.abs(size) * (1 + 4 * cls.u), 1 - cls.u)
+        return in_last_places(MAX_SINE_ERROR_ULPS, largest_size, cls.u)
 
 
 class BoundedDouble(Bounded):

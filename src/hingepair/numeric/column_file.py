@@ -28,9 +28,9 @@ MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
 _MAX_CSV_HEADING_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
 # Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
 _MAX_EXACT_COLUMN_VALUE_KEPT_AS_FLOAT: Final = 1e14
-_MAX_ARRAY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
+_MAX_NPY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
-_ARRAY_HEADER_PATTERN: Final = re.compile(
+_NPY_HEADER_PATTERN: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
 )
@@ -66,10 +66,10 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
             nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    read = _READER_BY_SUFFIX.get(path.suffix.lower())
+    read = _COLUMN_READER_BY_FILE_SUFFIX.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(
-            "", f"a file name that ends in {', '.join(_READER_BY_SUFFIX)}", path.suffix or "no ending"
+            "", f"a file name that ends in {', '.join(_COLUMN_READER_BY_FILE_SUFFIX)}", path.suffix or "no ending"
         )
     expected = f"a {path.suffix} file that can be read"
     if not os.path.isfile(path):  # of a name that is too long Path.is_file would raise
@@ -219,26 +219,26 @@ def _read_npz(path: Path, request: ColumnRequest) -> Columns:
         for member in archive.infolist():
             name = member.filename.removesuffix(".npy")
             with archive.open(member) as stream:
-                _, _, shape = _array_header(stream)
+                _, _, shape = _read_npy_header(stream)
             arrays.append((member, name, np.array(request.names_of(name, shape[1:]))))
         chosen = set(request.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
         for member, name, names in arrays:
             columns_of_array = names.ravel().tolist()
             if chosen.intersection(columns_of_array):
                 with archive.open(member) as stream:
-                    array = _read_array(stream, name, names.shape, name == request.exact)
+                    array = _read_npy_array(stream, name, names.shape, name == request.exact)
                 kind = array.dtype if name == request.exact else np.float64
                 parts = zip(columns_of_array, array.reshape(len(array), names.size).T, strict=True)
                 columns |= {column: np.ascontiguousarray(part, kind) for column, part in parts if column in chosen}
     return columns
 
 
-def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
+def _read_npy_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
     """Read and return the array `name` from the open member of an NPZ file. Raise ArgumentError if its shape is not
     (N, *sample_shape), bytes are missing, or its dtype is not of real numbers (dates and times are accepted if
     `exact`).
     """
-    dtype, fortran, shape = _array_header(stream)
+    dtype, fortran, shape = _read_npy_header(stream)
     if dtype is None:
         raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
     if not (exact and dtype.kind in "mM"):
@@ -253,14 +253,14 @@ def _read_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exa
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
+def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
     """Read the header of an array from the open member of an NPZ file: return its dtype (None if the header is not
     that of an array of numbers), whether it is in Fortran order, and its shape.
     """
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
-    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_ARRAY_HEADER_BYTES else ""
-    if header := _ARRAY_HEADER_PATTERN.fullmatch(text):
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_NPY_HEADER_BYTES else ""
+    if header := _NPY_HEADER_PATTERN.fullmatch(text):
         with contextlib.suppress(TypeError, ValueError):
             return np.dtype(header[1]), header[2] == "True", tuple(int(n) for n in header[3].split(",") if n.strip())
     return None, False, ()
@@ -299,7 +299,7 @@ def _check_rows(count: int) -> None:
 
 
 # The readers, by the ending of the file.
-_READER_BY_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
+_COLUMN_READER_BY_FILE_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

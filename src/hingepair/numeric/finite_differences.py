@@ -27,7 +27,7 @@ Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-_MIN_MILLISECOND_STAMP = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or microseconds
+_MIN_INTEGER_REFUSED_AS_SECONDS = 1e11  # [s], 3,000 years: integers from here on are in milliseconds or microseconds
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
@@ -42,7 +42,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     if t.ndim != 1 or t.size < order + 1:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
-    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MIN_MILLISECOND_STAMP:
+    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MIN_INTEGER_REFUSED_AS_SECONDS:
         raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
@@ -81,11 +81,13 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
-    first, second = _weights(x) if x.shape[1] == accuracy_order + 1 else _least_squares_weights(x, accuracy_order)
+    first, second = (
+        _interpolation_weights(x) if x.shape[1] == accuracy_order + 1 else _least_squares_weights(x, accuracy_order)
+    )
     return rows, neighbours, first / step, second / step / step
 
 
-def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _interpolation_weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two arrays (..., m): the weights of values at distinct nodes x (..., m) in the first and in the second
     derivative at 0 of the polynomial through them.
     """
@@ -148,10 +150,6 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
     return first, second
 
 
-_NOISE_FIT_DEGREE = 5  # of the polynomial that samples are judged by; higher ones follow more of the noise
-_SAMPLES_PER_NOISE_FIT = _NOISE_FIT_DEGREE + 2  # one degree of freedom is left
-
-
 def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
@@ -176,11 +174,12 @@ def local_fit_residuals(
     >>> float(np.sqrt(np.mean(local_fit_residuals(t, np.sin(3 * t)[:, None] + noise) ** 2)).round(4))
     0.003
     """
-    middle = _SAMPLES_PER_NOISE_FIT // 2
-    neighbours = np.arange(max(t.size - _SAMPLES_PER_NOISE_FIT + 1, 0))[:, None] + np.arange(_SAMPLES_PER_NOISE_FIT)
+    window = 7  # samples: two more than the degree; polynomials of a higher degree follow more of the noise
+    middle = window // 2
+    neighbours = np.arange(max(t.size - window + 1, 0))[:, None] + np.arange(window)
     x = t[neighbours] - t[neighbours[:, middle], None]
     gaps = (x[:, :, None] - x[:, None, :]) / (x[:, -1:] - x[:, :1])[..., None]
-    gaps[:, range(_SAMPLES_PER_NOISE_FIT), range(_SAMPLES_PER_NOISE_FIT)] = 1.0
+    gaps[:, range(window), range(window)] = 1.0
     weights = 1 / gaps.prod(axis=-1)  # of the divided difference, which no polynomial of the degree has
     weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
     samples, references = values[neighbours], values[neighbours[:, middle]][:, None]

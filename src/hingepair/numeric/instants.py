@@ -18,8 +18,8 @@ from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
 _MIN_STAMP_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
-_MAX_FLOAT_STAMP_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
-_MAX_JITTER_TO_MEDIAN_TIME_STEP = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
+_MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
+_MAX_TIME_STEP_SPREAD_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
 
 
 class MeasurementWarning(UserWarning):
@@ -68,7 +68,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _MAX_FLOAT_STAMP_SECONDS:
+        if np.abs(stamps).max() > _MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -136,7 +136,7 @@ def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _MAX_JITTER_TO_MEDIAN_TIME_STEP * middle:
+    if high - low <= _MAX_TIME_STEP_SPREAD_TO_MEDIAN_RATIO * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]

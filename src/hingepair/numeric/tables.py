@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 from hingepair.errors import printable
 
-_MIN_FULL_DIGITS_INSTANT = 1e5  # [s]: from here on, six digits do not tell instants apart
-
 
 def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
     """Return the rows of a table as lines of text, with cells padded to the width of their column. `lines` are the
@@ -90,7 +88,7 @@ def instant_text(t: float) -> str:
     >>> instant_text(1 / 3), instant_text(1763746391.25)
     ('0.333333', '1763746391.25')
     """
-    return f"{t:.6g}" if abs(t) < _MIN_FULL_DIGITS_INSTANT else repr(float(t))
+    return f"{t:.6g}" if abs(t) < 1e5 else repr(float(t))
 
 
 def finite_or_none(number: float) -> float | None:

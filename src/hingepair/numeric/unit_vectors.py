@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,6 @@ from hingepair.errors import AxisError
 from hingepair.numeric.arrays import Component, vectors
 from hingepair.numeric.blocks import Components, components_of, tabulate_one
 from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
-
-_UNSCALED_SIZE_RANGE: Final = (
-    2.0**-10,
-    2.0**10,
-)  # sizes that need no scaling: metres, and axes that are nearly unit vectors
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
@@ -87,7 +82,7 @@ def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
     """
     if all(type(component) is float for component in v):
         size = max(map(abs, v))
-        if _UNSCALED_SIZE_RANGE[0] < size < _UNSCALED_SIZE_RANGE[1]:
+        if 2.0**-10 < size < 2.0**10:  # usual lengths in metres, and axes that are nearly unit vectors
             return v, 0
         _, exponent = math.frexp(size)
     else:

@@ -195,7 +195,7 @@ _PRODUCT_OPERATOR_GROUP: Final = _OperatorGroup(
 )
 
 
-class _ParsedPart(NamedTuple):
+class _ParsedSubexpression(NamedTuple):
     """Parsed part of an expression: `expr`, its SymPy expression, and `value`, its float, which is None if the part
     depends on t or on symbols.
     """
@@ -242,7 +242,7 @@ class _ExpressionBuilder:
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
-    def build(self, node: ast.expr, depth: int) -> _ParsedPart:
+    def build(self, node: ast.expr, depth: int) -> _ParsedSubexpression:
         """Return the parsed part of a syntax node at a nesting depth. Raise an ArgumentError for syntax that is not
         allowed, and for too many or too deep nodes.
         """
@@ -262,7 +262,7 @@ class _ExpressionBuilder:
                 return self._build_call(node, depth + 1)
         self._refuse(node, _HINT_BY_SYNTAX_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
 
-    def _build_number(self, node: ast.Constant) -> _ParsedPart:
+    def _build_number(self, node: ast.Constant) -> _ParsedSubexpression:
         """Return the parsed part of a number as an exact rational. Raise an ArgumentError if it is not finite, or if
         its power of ten is too large.
         """
@@ -271,20 +271,20 @@ class _ExpressionBuilder:
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        return self._checked_part(node, sympy.Rational(Fraction(source)))
+        return self._checked_subexpression(node, sympy.Rational(Fraction(source)))
 
-    def _build_name(self, node: ast.Name) -> _ParsedPart:
+    def _build_name(self, node: ast.Name) -> _ParsedSubexpression:
         """Return the parsed part of the name t, a constant or a symbol. Raise an ArgumentError for any other name."""
         if node.id == "t":
-            return _ParsedPart(time_symbol(), None)
+            return _ParsedSubexpression(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
-            return self._checked_part(node, exact(value) if isinstance(value, int | float) else value)
+            return self._checked_subexpression(node, exact(value) if isinstance(value, int | float) else value)
         if node.id in FUNCTION_SIGNATURE_BY_NAME:
             self._refuse(node, FUNCTION_SIGNATURE_BY_NAME[node.id])
         self._refuse_name(node)
 
-    def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedPart:
+    def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedSubexpression:
         """Return the parsed part of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
         `operator_group` tells apart. A chain of any length counts as one level of nesting.
         """
@@ -311,7 +311,7 @@ class _ExpressionBuilder:
         operands = [self._apply(node, invert, invert, part) if is_inverted else part for is_inverted, part in parts]
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
-    def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
+    def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedSubexpression:
         """Return the parsed part of the syntax node of a power, at a nesting depth. Raise an ArgumentError if its
         exponent is too large.
         """
@@ -319,7 +319,7 @@ class _ExpressionBuilder:
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
-    def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
+    def _build_call(self, node: ast.Call, depth: int) -> _ParsedSubexpression:
         """Return the parsed part of the syntax node of a function call, at a nesting depth. Raise an ArgumentError
         for an unknown function, a wrong number of arguments, or an argument that is not allowed.
         """
@@ -335,7 +335,7 @@ class _ExpressionBuilder:
             self._refuse(node, call)
         kinked_function = _KINKED_FUNCTION_BY_SIGNATURE.get(call)
         first = (
-            _ParsedPart(self._build_guard(node.args[0], depth), None)
+            _ParsedSubexpression(self._build_guard(node.args[0], depth), None)
             if kinked_function is Where
             else self.build(node.args[0], depth)
         )
@@ -343,7 +343,7 @@ class _ExpressionBuilder:
         if kinked_function is not None:
             if kinked_function is Remainder and not (parts[1].value or 0) > 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            return self._checked_part(node, kinked_function(*(part.expr for part in parts)))
+            return self._checked_subexpression(node, kinked_function(*(part.expr for part in parts)))
         if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
@@ -381,8 +381,8 @@ class _ExpressionBuilder:
         self._refuse(node, "a condition: comparisons by < <= > >=, joined by and, or, not")
 
     def _apply(
-        self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedPart
-    ) -> _ParsedPart:
+        self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedSubexpression
+    ) -> _ParsedSubexpression:
         """Apply a function to parsed parts, `operate_exactly` to their expressions and `operate_on_floats` to their
         floats if none depends on t; return the result as a parsed part. Raise an ArgumentError on the syntax node if
         the result is not finite or too large.
@@ -392,9 +392,9 @@ class _ExpressionBuilder:
             value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
-        return self._checked_part(node, operate_exactly(*exprs), value)
+        return self._checked_subexpression(node, operate_exactly(*exprs), value)
 
-    def _checked_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
+    def _checked_subexpression(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedSubexpression:
         """Return `expr` as a parsed part, with its float if it has no t; `value` is this float if it is known. Raise
         an ArgumentError on the syntax node if the expression is not finite or too large.
         """
@@ -409,7 +409,7 @@ class _ExpressionBuilder:
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
-        return _ParsedPart(expr, value)
+        return _ParsedSubexpression(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
         """Raise an ArgumentError on the syntax node if the exponent, or its product with the number of bits of the
