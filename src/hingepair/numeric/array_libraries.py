@@ -109,9 +109,9 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
 
 
 def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
-    """Return the components of an array of a library other than NumPy as a tuple, those of matrices row by row. A
-    tuple of components is returned with its numbers as floats. The further arguments are the shape of one sample,
-    such as 3, 3. Raise ShapeError, which names the argument `name`, if the shape or the length is wrong.
+    """Return the components of an array of a library other than NumPy as a tuple; components of matrices come row by
+    row. A tuple of components is returned with its numbers as floats. The further arguments are the shape of one
+    sample, such as 3, 3. Raise ShapeError, which names the argument `name`, if the shape or the length is wrong.
     """
     count = math.prod(sample_shape)
     if isinstance(value, tuple):
@@ -146,8 +146,8 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return an array with the elements of `then` where a < b and of `otherwise` elsewhere. At least one of a and b
-    is an array of a library other than NumPy; the other arguments may be numbers.
+    """Return an array of elements of `then` for which a < b, and of elements of `otherwise` for which this is not so.
+    At least one of a and b is an array of a library other than NumPy; the other arguments may be numbers.
     """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 

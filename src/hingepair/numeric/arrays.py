@@ -166,8 +166,8 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which the shapes of arguments, given by name, broadcast. Raise ShapeError, which names the
-    first argument that does not fit the ones before it.
+    """Return the shape to which the shapes in a mapping from names of arguments to shapes broadcast. Raise
+    ShapeError, which names the first argument that does not fit the ones before it.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.
@@ -224,8 +224,8 @@ def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """Return the part of a component that a block (a tuple of slices, one for each axis of the samples) selects, as a
-    contiguous array of the given dtype. Axes of length 1 are taken as a whole. A scalar is returned as it is.
+    """Return the elements of a component that a block (a tuple of slices, one for each axis of the samples) selects,
+    as a contiguous array of the given dtype. Axes of length 1 are taken as a whole. A number is returned as it is.
     """
     if not isinstance(component, np.ndarray):
         return component

@@ -47,9 +47,10 @@ def tabulate(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
-    """Evaluate a function for all samples, block by block, and return its results as a dict of new arrays by name, of
-    shape (*shape, *sample_shape). `function` takes the components of the inputs by name and returns those of its
-    results by name. `sample_shapes` holds the shape of one sample of each result, `shape` is that of the samples.
+    """Evaluate a function for all samples, block by block, and return its results as a dict of new arrays by name,
+    each of shape (*shape, *sample_shape). `function` takes a dict of the components of the inputs by name and returns
+    a mapping of its results in this form. `sample_shapes` maps each result's name to the shape of one sample of it;
+    `shape` is the shape of the samples.
 
     A component of one element reaches the function as a number, so that what depends on such components alone costs
     nothing per sample, and a single sample needs no array at all.
@@ -70,8 +71,8 @@ def tabulate_one(
     function: Callable[[Named], Any], inputs: Named, sample_shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
     """Evaluate a function for all samples and return its only result as a new array, of shape (..., *sample_shape).
-    `function` takes the components of the inputs by name and returns a component or a tuple of them. Raise ShapeError
-    if the inputs do not broadcast.
+    `function` takes a dict of the components of the inputs by name and returns a component or a tuple of them. Raise
+    ShapeError if the inputs do not broadcast.
 
     Raises:
         ShapeError: the inputs do not broadcast.
@@ -136,8 +137,8 @@ def hinge_cosine(hinge: Components) -> Component:
 
 
 def _apply_by_name(x: Component, function_name: str) -> Component:
-    """Return the function named `function`, such as "sine", of x, which is computed by the method of x with this
-    name, or if there is none, by the array library of x.
+    """Return the sine, cosine or another function of x, which `function_name`, such as "sine", names. It is computed
+    by the method of x with this name or, if there is none, by the array library of x.
     """
     method = getattr(x, function_name, None)
     return array_libraries.apply_function(function_name, x) if method is None else method()
@@ -163,17 +164,18 @@ def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
 
 
 def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
-    """Return an output array, whose first `sample_axes` axes are those of the samples, in the form that equations
-    return: the array itself if the output is a scalar, otherwise a tuple of views of its components.
+    """Return an output array, which has `sample_axes` axes for the samples and then the axes of one sample, in the
+    form that equations return: the array itself if the output is a scalar, otherwise a tuple of views of its
+    components.
     """
     rank = array.ndim - sample_axes
     return components_of(array, rank) if rank else array
 
 
 def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
-    """Copy the results of one block of samples into the part of the output arrays that `block`, a tuple of slices,
-    selects. `targets` holds the outputs by name; each is one array, or a tuple of views of its components. Results
-    have the same form.
+    """Copy the results of one block of samples into the elements of the output arrays that `block`, a tuple of
+    slices, selects. `targets` maps the name of each output to its array or to a tuple of views of its components;
+    `results` has the same form.
     """
     for name, target in targets.items():
         result = results[name]

@@ -105,8 +105,8 @@ class Bounded:
         return made
 
     def where_above_0(self, then: float, otherwise: float) -> Self:
-        """Return a number of this class with the value `then` where this number is above 0, and `otherwise`
-        elsewhere. Its bound is infinite where rounding may decide the sign, and 0 otherwise.
+        """Return a number of this class with the value `then` if this number is above 0, and the value `otherwise` if
+        not, sample by sample. Its bound is infinite if rounding may decide the sign, otherwise 0.
         """
         unsure = ~(np.abs(self.value) > 2 * self.bound)
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
@@ -157,8 +157,8 @@ class Bounded:
 
     @classmethod
     def _sine_evaluation_error(cls, size: Component) -> Component:
-        """Return the largest error of an evaluated sine or cosine of the size `value`, MAX_SINE_ERROR_ULPS units in
-        the last place.
+        """Return the largest error of an evaluated sine or cosine whose absolute value is `size`, MAX_SINE_ERROR_ULPS
+        units in the last place.
         """
         largest_size = np.minimum(np.abs(size) * (1 + 4 * cls.u), 1 - cls.u)
         return in_last_places(MAX_SINE_ERROR_ULPS, largest_size, cls.u)

@@ -41,7 +41,7 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 class ColumnRequest(NamedTuple):
     """Description of the columns to read from a file: `choose`, a function that chooses among the names of all
     columns; `names_of`, a function that names the columns of an array with several axes; and `exact`, the name of a
-    column to read without conversion to float64.
+    column to read without conversion to float64, or "".
 
     Attributes:
         choose: takes the names of all columns; returns those to read, in the order of the result, or raises an error.
@@ -112,7 +112,8 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     """Return the columns of a CSV file that `request` chooses as a dict of arrays by name. The first line of the file
-    has the names; empty cells become NaN. Raise ArgumentError, which names the line, if a line cannot be read.
+    has the names; empty cells become NaN. The column `request.exact` is an int64 array if its numbers exceed 1e14.
+    Raise ArgumentError, which names the line, if a line cannot be read.
     """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
@@ -254,8 +255,8 @@ def _read_npy_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...],
 
 
 def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Read the header of an array from the open member of an NPZ file: return its dtype (None if the header is not
-    that of an array of numbers), whether it is in Fortran order, and its shape.
+    """Read the header of an array from the open member of an NPZ file: return its dtype, whether it is in Fortran
+    order, and its shape. The dtype is None if the header does not describe an array of numbers.
     """
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")

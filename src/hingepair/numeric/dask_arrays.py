@@ -172,20 +172,24 @@ def _make_persisted_result(
 
 
 class _ArrayIndex(NamedTuple):
-    """Index that stands for an array in an argument template: that of the array among the chunked arguments."""
+    """Index of an array among the chunked arguments, which stands for the array in an argument template."""
 
     value: int
 
 
 class _ObjectTemplate(NamedTuple):
-    """Template of an argument that is an object: its class, and its attributes with indices in place of arrays."""
+    """Template of an argument that is an object: `object_class`, its class, and `attributes`, a mapping of its
+    attributes with indices in place of arrays.
+    """
 
     object_class: type
     attributes: Mapping[str, Any]
 
 
 class _ChunkedArgument(NamedTuple):
-    """Dask array among the arguments of a call: its name for messages, the array, and the shape of one sample."""
+    """Dask array among the arguments of a call: its `name` for messages, the `array`, and `sample_shape`, the shape
+    of one sample.
+    """
 
     name: str
     array: Any
@@ -388,7 +392,7 @@ class ChunkTask:
 
     @functools.cached_property
     def pickled(self) -> bytes:
-        """The task pickled; Dask derives its names of equal tasks from the bytes."""
+        """Bytes of the pickled task, which are computed once. Dask derives its names of equal tasks from them."""
         values = (self.method, self.templates, self.options, self.output_names, self.first_index_name)
         try:
             return pickle.dumps(values)

@@ -89,7 +89,7 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
 
 def _interpolation_weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two arrays (..., m): the weights of values at distinct nodes x (..., m) in the first and in the second
-    derivative at 0 of the polynomial through them.
+    derivative at 0 of the polynomial through the values.
     """
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])

@@ -39,8 +39,8 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
     or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
-    Raise an error, which names the argument `name`, for no instants, instants that are not finite, and integers whose
-    unit is in doubt.
+    Raise ShapeError for no instants, ArgumentError for instants that are not finite, and DtypeError for integers
+    whose unit is in doubt; the error names the argument `name`.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -83,7 +83,8 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
 
 def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
     """Return (seconds, first): the float64 seconds since the first of the instants t, and this instant with its own
-    type. Raise ArgumentError, which names the argument `name`, unless the instants increase strictly.
+    type. Raise ArgumentError, which names the argument `name`, unless the instants increase strictly, and the errors
+    of `elapsed_seconds`.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
@@ -101,8 +102,8 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     """Return the instants t as an array of float64 seconds: floats as they are, clock stamps (datetime64, integer
-    nanoseconds since 1970) counted from the first. Raise an error, which names the argument `name`, unless they
-    increase and there are more than `order`.
+    nanoseconds since 1970) counted from the first. Raise ArgumentError, which names the argument `name`, unless they
+    increase, ShapeError unless there are more than `order`, and DtypeError for other types.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.

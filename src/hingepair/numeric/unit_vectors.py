@@ -78,7 +78,8 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
 
 def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
     """Return (vector, exponent): the vector v, a tuple of components, divided by 2^exponent so that its largest
-    component is about one, and the exponent. No digit is lost.
+    component is neither huge nor tiny (2^-10 to 2^10 unless v is zero or not finite), and the exponent. No digit is
+    lost.
     """
     if all(type(component) is float for component in v):
         size = max(map(abs, v))

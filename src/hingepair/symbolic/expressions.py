@@ -196,8 +196,8 @@ _PRODUCT_OPERATOR_GROUP: Final = _OperatorGroup(
 
 
 class _ParsedSubexpression(NamedTuple):
-    """Parsed part of an expression: `expr`, its SymPy expression, and `value`, its float, which is None if the part
-    depends on t or on symbols.
+    """Parsed subexpression: `expr`, its SymPy expression, and `value`, its float, which is None if it depends
+    on t or on symbols.
     """
 
     expr: Expr
@@ -243,8 +243,8 @@ class _ExpressionBuilder:
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _ParsedSubexpression:
-        """Return the parsed part of a syntax node at a nesting depth. Raise an ArgumentError for syntax that is not
-        allowed, and for too many or too deep nodes.
+        """Return the parsed subexpression of a syntax node at a nesting depth. Raise an ArgumentError for syntax that
+        is not allowed, and for too many or too deep nodes.
         """
         self._count_node(node, depth)
         match node:
@@ -263,8 +263,8 @@ class _ExpressionBuilder:
         self._refuse(node, _HINT_BY_SYNTAX_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _build_number(self, node: ast.Constant) -> _ParsedSubexpression:
-        """Return the parsed part of a number as an exact rational. Raise an ArgumentError if it is not finite, or if
-        its power of ten is too large.
+        """Return the parsed subexpression of a number as an exact rational. Raise an ArgumentError if it is not
+        finite, or if its power of ten is too large.
         """
         if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _EXPECTED_NUMBER_TEXT)
@@ -274,7 +274,9 @@ class _ExpressionBuilder:
         return self._checked_subexpression(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedSubexpression:
-        """Return the parsed part of the name t, a constant or a symbol. Raise an ArgumentError for any other name."""
+        """Return the parsed subexpression of the name t, a constant or a symbol. Raise an ArgumentError for any other
+        name.
+        """
         if node.id == "t":
             return _ParsedSubexpression(time_symbol(), None)
         if node.id in self.constants:
@@ -285,7 +287,7 @@ class _ExpressionBuilder:
         self._refuse_name(node)
 
     def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedSubexpression:
-        """Return the parsed part of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
+        """Return the parsed subexpression of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
         `operator_group` tells apart. A chain of any length counts as one level of nesting.
         """
         node_types, operate_exactly, operate_on_floats, invert = operator_group
@@ -312,16 +314,16 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedSubexpression:
-        """Return the parsed part of the syntax node of a power, at a nesting depth. Raise an ArgumentError if its
-        exponent is too large.
+        """Return the parsed subexpression of the syntax node of a power, at a nesting depth. Raise an ArgumentError
+        if its exponent is too large.
         """
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedSubexpression:
-        """Return the parsed part of the syntax node of a function call, at a nesting depth. Raise an ArgumentError
-        for an unknown function, a wrong number of arguments, or an argument that is not allowed.
+        """Return the parsed subexpression of the syntax node of a function call, at a nesting depth. Raise an
+        ArgumentError for an unknown function, a wrong number of arguments, or an argument that is not allowed.
         """
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
@@ -383,9 +385,9 @@ class _ExpressionBuilder:
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedSubexpression
     ) -> _ParsedSubexpression:
-        """Apply a function to parsed parts, `operate_exactly` to their expressions and `operate_on_floats` to their
-        floats if none depends on t; return the result as a parsed part. Raise an ArgumentError on the syntax node if
-        the result is not finite or too large.
+        """Apply a function to parsed subexpressions, `operate_exactly` to their expressions and `operate_on_floats`
+        to their floats if none depends on t; return the result as a parsed subexpression. Raise an ArgumentError on
+        the syntax node if the result is not finite or too large.
         """
         exprs, values = zip(*parts, strict=True)
         try:
@@ -395,8 +397,8 @@ class _ExpressionBuilder:
         return self._checked_subexpression(node, operate_exactly(*exprs), value)
 
     def _checked_subexpression(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedSubexpression:
-        """Return `expr` as a parsed part, with its float if it has no t; `value` is this float if it is known. Raise
-        an ArgumentError on the syntax node if the expression is not finite or too large.
+        """Return `expr` as a parsed subexpression, with its float if it has no t; `value` is this float if it is
+        known. Raise an ArgumentError on the syntax node if the expression is not finite or too large.
         """
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _EXPECTED_NUMBER_TEXT)

@@ -130,8 +130,8 @@ def _is_root(power: Expr) -> bool:
 
 
 class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """Printer of SymPy expressions as NumPy source. Names are prefixed with the module. A part without symbols is
-    printed as its nearest float.
+    """Printer of SymPy expressions as NumPy source, with full names of functions such as `numpy.sin`. Constants are
+    printed as integers, fractions of integers or their nearest floats.
 
     A NumPy float overflows to inf, where a Python number raises or, as a large integer, has no sine.
     """
@@ -140,8 +140,8 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
-        """Return the NumPy source of an expression. A part without symbols becomes an integer, a fraction of integers
-        or its nearest float.
+        """Return the NumPy source of an expression. An expression without symbols becomes an integer, a fraction of
+        integers or its nearest float.
         """
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
             if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_FLOAT_INTEGER:
