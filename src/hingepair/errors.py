@@ -33,7 +33,7 @@ class ArgumentError(HingePairError, ValueError):
 
 
 class AxisError(ArgumentError):
-    """A hinge axis is zero or not finite. The error has the attributes of `ArgumentError`."""
+    """An axis, such as a hinge axis, is zero or not finite. The error has the attributes of `ArgumentError`."""
 
 
 class RotationError(ArgumentError):

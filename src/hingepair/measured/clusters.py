@@ -27,15 +27,17 @@ class ClusterFit:
     (`ok`), and findings.
 
     Attributes:
-        body: the motion of the body, a BodyMotion of shape (N,) with R and S. The body's reference point is the point
-            from which `reference` gives the places. R and S are NaN where fewer than three markers are seen.
-        reference: places of the markers on the body, from the reference point, in the body's axes [m]; shape (M, 3).
-        residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
-            not seen.
+        body: the motion of the body, a BodyMotion of shape (N,) with R and S. If `fit_cluster` was called with
+            `reference`, the body's reference point is the origin of the coordinates in `reference`. Otherwise, it is
+            the mean of the places of all markers. R and S are NaN where fewer than three markers are seen.
+        reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
+            the body's axes [m]; shape (M, 3).
+        residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
+            is not seen, and where fewer than three markers are seen.
         rms: root mean square of each marker's residuals [m]; shape (M,).
         noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
-        ok: whether the cluster is rigid.
-        findings: sentences that say which marker moved relative to the others.
+        ok: whether the cluster is rigid. Three markers are too few for this check: `ok` is then True.
+        findings: sentences that say which marker moved relative to the others. If `ok` is True, there are none.
     """
 
     body: BodyMotion

@@ -75,7 +75,7 @@ class EncoderFit:
         scale: psi per unit of the reading: 1 for an encoder in radians whose reading grows with psi, and -1 if its
             reading falls as psi grows.
         noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
-            inaccurate if the noise of the attitudes is larger.
+            inaccurate if it is smaller than the noise of the attitudes, `HingeFit.noise_angle`.
         std: dict of standard deviations with the keys "zero" [rad] and "scale".
     """
 
@@ -90,45 +90,55 @@ class HingeFit(Shown):
     """The result of `fit`: the hinge found from two recorded motions, the hinge angle and the residuals of every
     sample, standard deviations, the clock offset, whether the hinge is reliable (`ok`), and findings.
 
+    `fit` does not use a sample if a pose is missing, if the given weight of the sample is 0, or if no sample of body
+    2 is near enough in time. A body 2 whose S was not given to `fit` is called a point.
+
     Attributes:
-        pair: the hinge.
-        psi: hinge angle [rad]; shape (N,), NaN where a pose is missing. The first angle is in [-pi, pi], and there
-            are no jumps by 2 pi between samples.
-        psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad].
+        pair: the hinge, a HingePair.
+        psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. The first angle is in [-pi, pi], and
+            there are no jumps of 2 pi between samples.
+        psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad]. A sample is an
+            outlier if its residuals are far larger than those of most samples, or if the loss reduces its weight to
+            less than a tenth.
         covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
             (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes)
             [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The matrix has rank
             9, because conventions fix three things: the length of n, the position of the hinge point along the axis,
             and the rotation of home about the axis.
-        std: dict of standard deviations. The values for the keys "u1", "u2", "n" and "home" have shape (3,) and the
-            units of `covariance`; "home" stands for the rotation vector. The values for "noise_position",
-            "noise_angle" and (if `fit` was called with `t`) "clock_offset" are numbers.
+        std: dict of standard deviations. The values for the keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad]
+            have shape (3,) and are the square roots of the diagonal of `covariance`; "home" stands for the rotation
+            vector. The values for the keys "noise_position" [m], "noise_angle" [rad] and "clock_offset" [s] are
+            numbers. The two keys of the noise are absent if body 2 is a point, and "clock_offset" is absent if `fit`
+            was called without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
-        rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point (its S was not
-            given).
+        rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point.
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
-            noise of both bodies. It is inaccurate if the noise of the attitudes, times the length of u1 or u2, is
-            much larger.
-        noise_angle: standard deviation of the measurement noise in each component of the relative attitude, and so of
-            psi [rad]; it includes the noise of both bodies. It is NaN if body 2 is a point.
+            noise of both bodies. It is inaccurate if it is much smaller than `noise_angle` times the length of u1 or
+            u2.
+        noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad]:
+            of each component of the rotation vector from the exact to the recorded attitude. It includes the noise of
+            both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN if body 2 is
+            a point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
-            without `t`. If the motion does not determine it, it is 0 and its standard deviation is inf.
+            without `t`. If the motion does not determine the offset, `clock_offset` is 0 and its standard deviation
+            is inf.
         encoder: the EncoderFit of the encoder; None if `fit` was called without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
         findings: sentences that say what the motion does not determine, why it does not agree with a hinge, and what
             else is notable.
         gauge: name of the rule for the position of the hinge point along the axis, as given to `fit`.
         loss: name of the loss function, as given to `fit`.
-        weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 where a pose is
-            missing.
+        weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 at samples that
+            are not used.
         t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
-        gap: distance between the hinge points of both bodies, abs(R1 + S1 u1 - R2 - S2 u2) [m]; shape (N,), NaN where
-            a pose is missing.
-        tilt: angle between the hinge axes of both bodies [rad]; shape (N,), NaN where a pose is missing, and at all
-            samples if body 2 is a point.
-        samples: number of samples that were used.
-        body2: the motion of body 2 at the instants of body 1, corrected for the clock offset.
+        gap: distance between the hinge points of both bodies, the length of the vector R1 + S1 u1 - R2 - S2 u2 [m];
+            shape (N,), NaN at samples that are not used.
+        tilt: angle between the hinge axes of both bodies [rad]; shape (N,), NaN at samples that are not used, and at
+            all samples if body 2 is a point.
+        samples: number of samples that are used.
+        body2: the motion of body 2 at the instants of body 1, a BodyMotion: the argument `body2`, corrected for the
+            clock offset.
     """
 
     pair: HingePair
@@ -156,9 +166,10 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Residuals report on the `gap` and the `tilt` of every sample. The tolerance of the gap is five times
-        `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If the fit is not `ok`, the
-        tolerances are the defaults of `HingePair.residuals`, which allow for rounding errors only.
+        """`Residuals` of the fitted pair and the two motions, as `HingePair.residuals` returns them. The tolerance of
+        the gap is five times `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If `ok` is
+        False, the tolerances are the defaults, which allow for rounding errors only. Raise ArgumentError if the S of
+        body 2 was not given to `fit`.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
@@ -170,8 +181,8 @@ class HingeFit(Shown):
         """Return a Matplotlib figure with the hinge angle psi [deg], the residual `gap` [mm] and the residual `tilt`
         [deg] over time. Raise MissingDependencyError if Matplotlib is not installed.
 
-        If `fit` was called without `t`, the horizontal axis is the index of the sample. If body 2 is a point, the
-        figure has no `tilt`.
+        If `fit` was called without `t`, the horizontal axis is the index of the sample. If the S of body 2 was not
+        given to `fit`, the figure has no `tilt`.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -256,9 +267,13 @@ class HingeFit(Shown):
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return a report as JSON text, a str. It holds the hinge, the standard deviations, the rms residuals, the
-        noise, the clock offset, the encoder, the smallest and largest psi, and the findings. Units are m, rad and s.
-        Numbers that are not finite become null.
+        """Return a report as JSON text, a str. It holds one JSON object with the hinge, the standard deviations, the
+        rms residuals, the noise, the clock offset, the encoder, the range of psi, and the findings. Units are m, rad
+        and s. Numbers that are not finite become null.
+
+        The keys u1, u2, n and home are the attributes of `pair`. The keys ok, samples, loss, gauge, std,
+        rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings are attributes of the
+        HingeFit. The key psi is `psi_range`, and missing is the number of samples that were not used.
         """
         import json
 

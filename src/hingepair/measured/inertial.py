@@ -68,11 +68,14 @@ class AxisFit:
         n2: hinge axis in body 2's axes, unit vector; shape (3,). For a HingePair, n2 = home^T n1.
         std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). An element is inf if the motion
             does not determine that direction.
-        bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,). Its estimate stays near 0 in directions that
-            the motion does not determine.
+        bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,).
         bias2: bias of gyroscope 2 in body 2's axes [rad/s]; shape (3,).
-        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [rad/s]; shape (2, 3).
-        rms: root mean square of the residuals abs(omega1 x n1) - abs(omega2 x n2) of all samples [rad/s].
+        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [rad/s]; shape (2, 3). In directions
+            that the motion does not determine, both biases stay near 0, and their standard deviations are close to
+            the argument `gyroscope_bias` of `fit_axis`.
+        rms: root mean square of the residuals of all samples [rad/s]. The residual of a sample is the length of
+            omega1 x n1 minus the length of omega2 x n2. omega1 and omega2 are the recorded angular velocities, each
+            in its body's axes, minus the biases.
         ok: whether the bodies turn about one common axis and the motion determines it.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
@@ -98,13 +101,14 @@ class AnchorFit:
         u1: vector from sensor 1 to the hinge point, in body 1's axes [m]; shape (3,).
         u2: vector from sensor 2 to the hinge point, in body 2's axes [m]; shape (3,).
         covariance: covariance matrix of the six components of u1 and u2, in this order [m^2]; shape (6, 6). A
-            variance is inf if the motion does not determine the component. A convention sets the position of the
-            hinge point along the hinge axis (see `fit_anchor`). This position has no uncertainty in the matrix. A
-            hinge axis that was given to `fit_anchor` counts as exact.
-        bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,). Its estimate stays near 0 in directions
-            that the motion does not determine.
+            variance is inf if the motion does not determine the component. The position of the hinge point along the
+            hinge axis follows from a convention (see `fit_anchor`) and has no uncertainty in the matrix. A hinge axis
+            that was given to `fit_anchor` counts as exact.
+        bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,).
         bias2: bias of accelerometer 2 in body 2's axes [m/s^2]; shape (3,).
-        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3).
+        bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3). In directions
+            that the motion does not determine, both biases stay near 0, and their standard deviations are close to
+            the argument `accelerometer_bias` of `fit_anchor`.
         rms: root mean square of the residuals of all samples [m/s^2]. The magnitude of the specific force at the
             hinge point is computed from sensor 1 and from sensor 2; the residual is the difference of the two values.
         ok: whether the records agree with a point that is fixed in both bodies, and the motion determines this point

@@ -40,18 +40,20 @@ class AngleFit:
     standard deviations, whether the angle is reliable (`ok`), and findings.
 
     Attributes:
-        psi: hinge angle [rad]; shape (N,), NaN where a sample is missing. The first angle is in [-pi, pi], and there
-            are no jumps by 2 pi between samples. At psi = 0, the attitude of body 2 relative to body 1 is the
-            rotation by the smallest angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1
-            and n2 are more than 154 degrees apart, this attitude follows the rule that `fit` states for `home`, with
-            n = n1.
-        psid: rate of psi [rad/s]; shape (N,), NaN where a sample is missing. It is the measured rate minus `drift`.
-        std: standard deviation of psi [rad]; shape (N,), NaN where a sample is missing.
-        drift: constant bias of the measured rate of psi [rad/s].
+        psi: hinge angle [rad]; shape (N,). It is NaN where one of the four records is not finite, and in series of
+            fewer than 8 samples between two gaps. The first angle is in [-pi, pi], and there are no jumps of 2 pi
+            between samples. At psi = 0, the attitude of body 2 relative to body 1 is the rotation by the smallest
+            angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1 and n2 are more than 154
+            degrees apart, the page of `fit` states this attitude, which is called `home` there; n is n1.
+        psid: rate of psi [rad/s]; shape (N,), NaN where psi is NaN. It is the measured rate minus `drift`. The
+            measured rate is the component of body 2's angular velocity along n2, minus the component of body 1's
+            angular velocity along n1.
+        std: standard deviation of psi [rad]; shape (N,), NaN where psi is NaN.
+        drift: constant bias of the measured rate [rad/s].
         drift_std: standard deviation of `drift` [rad/s].
-        noise: standard deviation of a hinge angle that is computed from a single sample [rad], the median over the
-            samples. Such an angle follows from one vector (the specific force or the angular velocity), measured in
-            body 1's axes and in body 2's axes.
+        noise: median of the standard deviations of the hinge angles that follow from one vector at one instant [rad].
+            Each instant gives two such angles: one from the specific force at the hinge point, and one from the part
+            of the angular velocity that is perpendicular to the hinge axis. Vectors that are too short are left out.
         ok: whether the measured vectors determine the angle and agree with the integral of the measured rate.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """

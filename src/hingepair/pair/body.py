@@ -48,7 +48,8 @@ class Box(Frozen):
             default, the edges lie along the body's x, y and z axes.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or a length of an edge is not above zero; the
+            error names the argument.
         RotationError: the matrix A = axes is not a rotation matrix to within 1e-9: an element of A A^T differs from
             the same element of the identity by more than 2e-9, or the determinant of A is negative.
 
@@ -89,7 +90,8 @@ class Cylinder(Frozen):
             unit length. By default, the axis is the z axis of the body.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or the radius or the length is not above zero;
+            the error names the argument.
         AxisError: axis is zero.
 
     >>> import hingepair as hp
@@ -159,20 +161,20 @@ class Body(Frozen):
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
             dynamics issue a `DynamicsWarning`.
         center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). If it
-            is not given, it leads to the centre of mass of the shapes if there are shapes and no inertia is given,
-            and otherwise it is zero.
+            is not given, the centre of mass of the shapes is used if there are shapes and no inertia is given.
+            Otherwise, the centre of mass is the reference point.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
             and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
-            of mass is used, scaled to the mass. It is not changed if `center_of_mass` is another point. If there are
-            no shapes either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
+            of mass is used, scaled to the mass, also if `center_of_mass` is another point. If there are no shapes
+            either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
             `DynamicsWarning`.
-        shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine it,
-            and also the centre of mass unless this is given. All shapes then have the same density, and the mass of a
-            volume that two shapes share counts twice. By default, there are no shapes, and viewers draw the body as
-            an arm that leads to the hinge, with one half of the hinge.
+        shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine the
+            inertia, and also the centre of mass unless `center_of_mass` is given. All shapes then have the same
+            density, and the mass of a volume that two shapes share counts twice. By default, there are no shapes, and
+            viewers draw the body as an arm that leads to the hinge, with one half of the hinge.
 
     `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
     as an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.

@@ -46,9 +46,8 @@ class BodyMotion(Frozen):
         shape: the common leading shape of the arrays; () for one sample.
 
     Raises:
-        RotationError: a finite S is not a rotation matrix to within the tolerance 1e-9 (1e-5 in float32): an element
-            of S S^T differs from the same element of the identity by more than twice the tolerance, or the
-            determinant is negative.
+        RotationError: a finite S is not a rotation matrix: an element of S S^T differs from the same element of the
+            identity by more than 2e-9 (2e-5 in float32), or the determinant of S is negative.
         ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
 
     >>> import hingepair as hp
@@ -96,9 +95,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last (Pinocchio, SciPy,
-        ROS). Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other
-        arguments are the same as for BodyMotion.
+        """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last as in Pinocchio,
+        SciPy and ROS. Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The
+        other arguments are the same as for BodyMotion.
 
         In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
         finite, its S is NaN.
@@ -135,9 +134,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first (MuJoCo). Quaternions
-        of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are the same as
-        for BodyMotion.
+        """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first as in MuJoCo.
+        Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are
+        the same as for BodyMotion.
 
         In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
         finite, its S is NaN.

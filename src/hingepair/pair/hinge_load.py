@@ -101,16 +101,18 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi [rad] of all stops, as a tuple in increasing order. Between these angles, the torque is a smooth
-        function of psi. If the `motor` of this load is another HingeLoad, the stops of that load are included.
+        """Angles psi [rad] of all stops, rigid or not, as a tuple in increasing order. If the `motor` of this load is
+        another HingeLoad, the stops of that load are included. Between these angles, the torque is a smooth function
+        of psi unless the `motor` is a callable that is not smooth.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
         """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        Dry friction and stops with damping cause them. If the `motor` of this load is another HingeLoad, the kinks
-        and jumps of that load are included.
+        Dry friction without a `friction_rate` has a jump at the rate 0. Stops with damping have kinks at the rates
+        -1 / stop_damping and 1 / stop_damping. If the `motor` of this load is another HingeLoad, the kinks and jumps
+        of that load are included.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -120,9 +122,9 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest. If this load has a `friction_rate`, its own
-        part is 0, because its friction torque is 0 at rest. If the `motor` of this load is another HingeLoad, the
-        sticking friction of that load is added.
+        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`, or 0 if this load has a
+        `friction_rate`. If the `motor` of this load is another HingeLoad, the sticking friction of that load is
+        added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
@@ -196,16 +198,16 @@ class HingeLoad:
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants t, angles psi and rates psid with the branch of the formula that
-        applies at the angle and the rate in `side`, even if another branch applies at psi and psid. `side` is a pair
-        (angle, rate) of numbers or arrays.
+        """Compute the torque [N m] at instants t, angles psi and rates psid. The pair `side` = (angle, rate), not psi
+        and psid, decides which stop acts and in which direction dry friction acts. For one value of `side`, the
+        torque is a smooth function of psi and psid unless a callable `motor` is not smooth.
 
         Solvers use this method, since a stop or dry friction must not switch on or off within an integration step.
 
         Args:
-            side: hinge angle [rad] and hinge rate [rad/s] that select the branch; each is a number or an array of the
-                shape of psi. The angle and the rate decide whether a stop acts. The sign of the rate determines the
-                direction of dry friction.
+            side: pair of a hinge angle [rad] and a hinge rate [rad/s]; each is a number or an array of the shape of
+                psi. The angle and the rate decide which stop acts, if any. The sign of the rate determines the
+                direction of dry friction, which does not act if the rate is 0.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
@@ -217,15 +219,14 @@ class HingeLoad:
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
         """Compute the parts of the torque [N m]. Return a dict with the key "motor", and with the keys "spring",
-        "damper", "friction" and "stop" for the parts that this load has. `side` is a pair (angle, rate) that selects
-        the branch of the formula, as for `smooth`; by default, it is (psi, psid).
+        "damper", "friction" and "stop" for the parts that this load has. The pair `side` = (angle, rate) decides
+        which stop acts and in which direction dry friction acts, as for `smooth`; by default, it is (psi, psid).
 
         Args:
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
-            side: hinge angle [rad] and hinge rate [rad/s] that select the branch of the formula, as for `smooth`; by
-                default psi and psid.
+            side: pair of a hinge angle [rad] and a hinge rate [rad/s], as for `smooth`; by default (psi, psid).
 
         Returns:
             A dict whose keys are the names of the parts, and whose values are torques [N m], numbers or arrays

@@ -179,12 +179,12 @@ class HingePair(Shown):
 
         Args:
             q: coordinates [m, rad]: the position of body 1's reference point, the Euler angles of body 1, and the
-                hinge angle. Either one array of shape (..., 7), or a tuple of seven numbers or arrays that
-                broadcast. A number in the tuple is the same for all samples, which saves computing time.
+                hinge angle. q is one array of shape (..., 7), or a tuple of seven numbers or arrays that broadcast. A
+                number in the tuple is the same for all samples, which saves computing time.
             qd: time derivatives of q [m/s, rad/s]: an array (..., 7) or a tuple of seven, like q.
             qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 7) or a tuple of seven, like q.
-            outputs: names of the outputs to compute, out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1,
-                a1, alpha1. By default, all outputs of body 2 that the inputs allow.
+            outputs: tuple of the names of the outputs to compute, such as ("R2", "v2"), out of R2, S2, d, v2, omega2,
+                a2, alpha2, R1, S1, v1, omega1, a1, alpha1. By default, all outputs of body 2 that the inputs allow.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
                 Each array must have the shape of its output and the dtype of the results.
             sequence: Euler sequence of body 1, one of the 24 sequences that SciPy knows. Upper-case sequences such as
@@ -302,21 +302,26 @@ class HingePair(Shown):
         (E1, E2, E5-E9). psid and psidd add velocities and accelerations. Results are written into the arrays of the
         dict `out`, if given.
 
-        Velocities need psid, and v and omega of body1. Accelerations also need psidd, and a and alpha of body1.
+        By default, R2, S2 and d are computed, with psid also v2 and omega2, and with psidd also a2 and alpha2.
+        Velocities need v and omega of body1, and accelerations also a and alpha of body1. psidd needs psid.
 
         Args:
             body1: the motion of body 1.
             psi: hinge angle, right-handed about n [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
             psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            outputs: names of the outputs to compute, as for `forward_kinematics`. By default, all outputs of body 2
-                that the inputs allow.
+            outputs: names of the outputs to compute, as for `forward_kinematics`. Only inputs that these outputs need
+                must be given.
             out: dict of arrays into which the results are written, as for `forward_kinematics`.
             workers: number of threads; -1 for one thread per core.
             backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The PairState. Outputs that are not computed, such as v2 without psid, are None.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or an output needs an input that is not given; the error names
+                the argument.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -413,9 +418,9 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Compute the mass matrix M, shape (..., 7, 7). It is the M in M @ (a1, alpha1, psi'') + bias =
-        (force1, torque1, hinge_torque) (D6). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError
-        if a body has no mass properties.
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
+        (..., 7, 7) (D6). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError if a body has no
+        mass properties.
 
         bias is the value of (force1, torque1, hinge_torque) for a1 = 0, alpha1 = 0 and psi'' = 0; velocities and
         gravity cause it.
@@ -536,8 +541,8 @@ class HingePair(Shown):
         >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
         >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=body, body2=body)
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-        >>> found = pair.forward_dynamics(still, psi=0.3, psid=0.0)  # nothing acts but gravity: both bodies fall
-        >>> found.a1.round(9).tolist(), abs(round(float(found.psidd), 9))
+        >>> accelerations = pair.forward_dynamics(still, psi=0.3, psid=0.0)  # only gravity acts: both bodies fall
+        >>> accelerations.a1.round(9).tolist(), abs(round(float(accelerations.psidd), 9))
         ([0.0, 0.0, -9.81], 0.0)
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
@@ -604,8 +609,8 @@ class HingePair(Shown):
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
-        body 1. If the pair has no mass properties of body 1, return the energy of body 2 alone. Raise ArgumentError
-        if it has no mass properties of body 2.
+        body 1. If body 1 has no mass properties, return the energy of body 2 alone. Raise ArgumentError if body 2 has
+        no mass properties.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -915,16 +920,16 @@ class HingePair(Shown):
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12), for solvers of
-        differential-algebraic equations: (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2`
-        are BodyMotions.
+        """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12). The time derivatives of the
+        constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2` are BodyMotions.
 
-        The five constraints are gap = 0 and tilt = 0. gap is the vector R1 + S1 u1 - R2 - S2 u2, with three
-        components in world axes [m]. tilt has two components, without unit. Let h1 = S1 n and h2 = S2 C^-1 n be the
-        directions of the hinge axis that follow from each body, in world axes, where C is `home`. The components of
-        tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1 e2). e1 and e2 are fixed in body 1 and form an orthonormal
-        basis with n: e1 is the coordinate axis of body 1 along which n has the component of smallest
-        magnitude, projected on the plane perpendicular to n and scaled to unit length. e2 is n x e1. The Jacobian is
+        Solvers of differential-algebraic equations need G. The five constraints are gap = 0 and tilt = 0. gap is the
+        vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two components, without
+        unit. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis that follow from each body, in
+        world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1 e2). e1 and
+        e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a coordinate axis of body 1, projected onto
+        the plane perpendicular to n and scaled to unit length. This coordinate axis is the one along which n has the
+        component of smallest magnitude; if there are several, it is the first of them. e2 is n x e1. The Jacobian is
         exact even if a motion violates the constraints.
 
         Args:
@@ -932,8 +937,8 @@ class HingePair(Shown):
             body2: the motion of body 2; only S is used.
 
         Returns:
-            The Jacobian G; shape (..., 5, 12). Its first three rows give gap', its last two rows tilt'. It multiplies
-            velocities and angular velocities in world axes.
+            The Jacobian G; shape (..., 5, 12). The first three rows of G give gap', and the last two rows give tilt'.
+            v1, omega1, v2 and omega2 are in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -951,15 +956,16 @@ class HingePair(Shown):
         the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
 
-        `constraint_jacobian` explains gap and tilt, and returns G. If a motion satisfies the constraints at all
-        times, gap'' and tilt'' are zero, but the bias is in general not zero.
+        gap is the vector between the hinge points of both bodies, and tilt has two components without unit.
+        `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints at all times,
+        gap'' and tilt'' are zero, but the bias is in general not zero.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
             body2: the motion of body 2; only S and omega are used.
 
         Returns:
-            The bias: three components for gap'' [m/s^2], then two for tilt'' [1/s^2]; shape (..., 5).
+            The bias: three components for gap'' in world axes [m/s^2], then two for tilt'' [1/s^2]; shape (..., 5).
 
         >>> import numpy as np
         >>> import hingepair as hp
