@@ -230,8 +230,8 @@ def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
 def _component_rows(
     ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
 ) -> list[tuple[str, ...]]:
-    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` has, by
-    component name, the dicts that `_component_ranges` returns; `with_noise` True adds the heading of their noise.
+    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` is the
+    result of `_component_ranges`; `with_noise` True adds the heading of the noise that it holds.
     """
     headings = (
         "",
@@ -261,9 +261,9 @@ def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
 def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
-    """Return, by component name, a dict of floats for each component of `arrays`, outputs by name at the instants t:
-    first, smallest, largest and rms value, the time of the largest size and, if `noise` has arrays of the same names,
-    its noise. Values that are not finite are ignored; a component without a finite value has NaN.
+    """Return a dict from the name of each component of `arrays`, a dict of outputs by name at the instants t, to a
+    dict of floats: first, smallest, largest and rms value, the time of the largest size and, if `noise` has arrays of
+    the same names, its noise. Values that are not finite are ignored; a component without a finite value has NaN.
     """
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)

@@ -119,7 +119,7 @@ class RunSummary:
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
-        """Return, by component name, a dict of floats for each component, with the keys first, last, smallest and
+        """Return a dict from the name of each component to a dict of floats with the keys first, last, smallest and
         largest.
         """
         columns = {
@@ -134,8 +134,8 @@ class RunSummary:
 
 
 def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
-    """Return a dict from the name of each frame that moves exactly as an earlier one of `frames` to the name of that
-    frame. `arrays` has the quantities of the frames by output name, such as R_tool.
+    """Return a dict from the name of each frame that moves exactly as an earlier one of `frames` to the name of the
+    earlier frame. `arrays` is a dict of the quantities of the frames by output name, such as R_tool.
     """
     motions: dict[str, dict[str, NDArray[Any]]] = {}
     coincident = {}

@@ -48,8 +48,9 @@ class CurveCollector:
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append one piece of the motion to the curves of its arrays, by name, thinned to the samples that are
-        visible among `num_instants` of the whole motion. Rotation matrices become Euler angles without jumps.
+        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names, thinned to
+        the samples that are visible among `num_instants` instants of all pieces. Rotation matrices become Euler
+        angles without jumps.
 
         Args:
             t: instants of the piece [s]; shape (N,).
@@ -203,8 +204,8 @@ def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
 def draw_paths(
     figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
-    """Draw paths in space, arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is constant, in
-    the plane, at equal scales. `zoom` is the size of the drawing in its cell.
+    """Draw paths in space, a dict of arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is
+    constant, in the plane, at equal scales. `zoom` is the size of the drawing in its cell.
 
     Args:
         figure: the figure.

@@ -91,8 +91,8 @@ def _draw_joint_panels(
     figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
     """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
-    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure. `curves` holds the
-    curves by name.
+    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure. `curves` is a dict
+    of the curves by name, such as q_elbow.
     """
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
     groups = _panel_groups(scene, joints)
@@ -145,7 +145,8 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
     """Draw q, qd or tau, whichever `quantity` names, of joints over time into Matplotlib axes, with their limits as
-    lines. Limits far from the curve of a single joint are given as text. `curves` holds the curves by name.
+    lines. Limits far from the curve of a single joint are given as text. `curves` is a dict of the curves by name,
+    such as q_elbow.
     """
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_JOINT_AND_PATH_COLOURS), strict=False):

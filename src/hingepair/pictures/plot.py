@@ -99,7 +99,7 @@ def plot(
 
 
 def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
-    """Collect the curves of the outputs named in `outputs`, or of all quantities of a whole figure if it is None.
+    """Collect the curves of the outputs named in `outputs` or, if it is None, of all quantities that a figure shows.
     Return a tuple of the figure's title and a dict of curves by name.
     """
     title, collector = "", CurveCollector()
@@ -114,8 +114,8 @@ def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tupl
 
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
-    """Return a dict of the arrays of a whole figure by name, computed from samples of a pair's motion: R2, S2, rates,
-    psi, the paths, and the residual of E1 beside its rounding error.
+    """Return a dict of arrays by name, all that a figure shows without `outputs`, computed from samples of a pair's
+    motion: R2, S2, rates, psi, the paths, and the residual of E1 beside its rounding error.
     """
     pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
@@ -133,8 +133,8 @@ def _title_and_unit(name: str) -> tuple[str, str]:
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
-    """Draw the curves of a pair's motion, given by name, its paths in space and the residual of E1 in a new figure of
-    the class `figure_type`; return the figure.
+    """Draw the curves of a pair's motion, a dict by name, the paths in space and the residual of E1 in a new figure
+    of the class `figure_type`; return the figure.
     """
     columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUT_NAMES_BY_PANEL_ROW))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")

@@ -63,8 +63,8 @@ def angular_velocity(
 
     def omega_and_defect(values: Named) -> Named:
         """Return a dict of "omega", the components of the angular velocity, and, if `with_defect` of the enclosing
-        function is true, "defect", the largest absolute element of the symmetric part of S' S^T. `values` holds S and
-        S_dot by name as components.
+        function is true, "defect", the largest absolute element of the symmetric part of S' S^T. `values` is a dict
+        from "S" and "S_dot" to tuples of nine entries.
         """
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         results: Named = {"omega": eq.unskew(W)}

@@ -112,7 +112,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
     def angles_and_lock(values: Named) -> Named:
         """Return a dict of "phi", the Euler angles of S, and "lock", the sine or cosine of the middle angle that is 0
-        at gimbal lock. `values` holds S by name as components.
+        at gimbal lock. `values` is a dict from "S" to a tuple of nine entries.
         """
         S_entries = values["S"]
         canonical = nine(S_entries[3 * i + j] for i in back for j in back)
@@ -322,8 +322,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return a dict of J, J_inverse, condition, lock_distance [rad], and of J_dot if `values`, the components by
-        name, hold phid beside phi. J_inverse is NaN at gimbal lock.
+        """Return a dict of J, J_inverse, condition, lock_distance [rad], and of J_dot if `values`, a dict from names
+        to tuples of components, has phid beside phi. J_inverse is NaN at gimbal lock.
         """
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)

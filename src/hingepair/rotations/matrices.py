@@ -127,7 +127,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 
     def rotation(values: Named) -> tuple[Any, ...]:
         """Return the nine entries of the rotation matrix of a rotation vector (E6) as a tuple, corrected for the
-        rounding of axis and angle. `values` holds rotvec by name as components.
+        rounding of axis and angle. `values` is a dict from "rotvec" to a tuple of three components.
         """
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
@@ -339,7 +339,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 def _rotation_errors(values: Named) -> Named:
     """Return a dict of "error", the largest absolute element of the difference of S S^T from the identity, and
-    "volume", the determinant of S. `values` holds S by name as nine components.
+    "volume", the determinant of S. `values` is a dict from "S" to a sequence of nine entries.
     """
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))

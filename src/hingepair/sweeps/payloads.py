@@ -155,8 +155,8 @@ class PayloadVariantComputer:
 
     @functools.cached_property
     def _result(self) -> MechanismSceneResult:
-        """Result of the scene as its file describes it, computed at first access; its motion is that of every
-        variant.
+        """Result of the scene as its file describes it, computed at first access. Every variant has the same
+        motion.
         """
         return self._scene.evaluate(self._outputs)
 

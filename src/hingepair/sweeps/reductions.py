@@ -46,9 +46,9 @@ def is_reduction(name: object) -> bool:
 def reduce_arrays(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
 ) -> dict[str, Float64Array]:
-    """Return a dict of reductions over the instants t, an array (variants,) for each component of an output and each
-    name in `reductions`, by column name such as R2_x_max. `arrays` has the outputs by name; shape (variants, samples,
-    ...).
+    """Return a dict of reductions over the instants t, by column name such as R2_x_max: an array (variants,) for each
+    component of an output and each name in `reductions`. `arrays` is a dict of the outputs by name; shape (variants,
+    samples, ...).
     """
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)

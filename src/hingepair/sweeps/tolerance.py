@@ -66,7 +66,7 @@ class Band(NamedTuple):
 class ToleranceStudy(Frozen, Shown):
     """Deviations of the pose of body 2 along a scene under tolerances: at each instant `t` the standard deviations to
     first order (`std`) and of sampled pairs (`sampled_std`), the middle 95 % (`band`) and the variance that each
-    dimension causes (`contributions`). Columns are those of `POSE_COMPONENT_NAMES`.
+    dimension causes (`contributions`). The columns are the components in `POSE_COMPONENT_NAMES`.
 
     Attributes:
         title: title of the scene.
@@ -207,8 +207,8 @@ def study_tolerances(
     scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
 ) -> ToleranceStudy:
     """Return a `ToleranceStudy`: the scatter of body 2's pose along a Scene, to first order and by `samples` pairs
-    that are sampled with `seed`. Keyword arguments such as u1_std are standard deviations, which override those of
-    the scene's table [tolerances]. Raise an ArgumentError if there are none, or for the scene of a mechanism.
+    that are sampled with `seed`. Keyword arguments such as u1_std are standard deviations, which override the values
+    in the scene's table [tolerances]. Raise an ArgumentError if there are none, or for the scene of a mechanism.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.

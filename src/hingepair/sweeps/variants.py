@@ -39,8 +39,8 @@ _JOINT_KEYS_WITHOUT_EFFECT_ON_MOTION: Final = ("u1", "u2", "n", "home", "body1",
 
 
 class CachedMotion:
-    """Motion of a scene for the scenes of all variants: a part of it that is a slice of the instants is computed once
-    and kept.
+    """Motion of a scene for the scenes of all variants: the motion at a slice of the instants is computed once and
+    kept.
 
     Args:
         motion: the motion whose parts are kept.
