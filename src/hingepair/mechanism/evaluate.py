@@ -27,7 +27,7 @@ from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_n
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, input_shapes, request_loop
-from hingepair.rotations.matrices import ROTATION_TOLERANCE_BY_ITEMSIZE, check_rotation
+from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE, check_rotation
 
 MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
@@ -39,10 +39,6 @@ _SAMPLE_SHAPE_BY_BASE_INPUT: Final = {
     "S1": (3, 3),
     "force1": (3,),
     "torque1": (3,),
-}
-# Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
-_ATTITUDE_ERROR_LIMIT_BY_ITEMSIZE: Final = {
-    size: 2 * tolerance for size, tolerance in ROTATION_TOLERANCE_BY_ITEMSIZE.items()
 }
 _MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
@@ -115,7 +111,7 @@ class RobotComputation:
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
             has_check = check_attitude and "S1" in argument_names
-            check = {"attitude_check": _ATTITUDE_ERROR_LIMIT_BY_ITEMSIZE} if has_check else {}
+            check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {
                 **RESTING_BASE_VALUE_BY_INPUT,

@@ -16,8 +16,9 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
-ROTATION_TOLERANCE_BY_ITEMSIZE = {4: 1e-5, 8: 1e-9}
-"""How far a given matrix may be from a rotation, by the bytes of its numbers."""
+# By the size of a number in bytes: largest element of S S^T - I at which S is accepted as a rotation. Errors of S of
+# half this size, relative to its length, make such an element.
+MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE = {4: 2e-5, 8: 2e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
@@ -68,7 +69,7 @@ def unskew(W: ArrayLike) -> FloatArray:
     with np.errstate(all="ignore"):
         rest = np.abs(matrix + np.swapaxes(matrix, -1, -2)).max(axis=(-2, -1), initial=0.0)
         size = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
-        bad = np.isfinite(size) & (rest > 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize] * size)
+        bad = np.isfinite(size) & (rest > {4: 2e-5, 8: 2e-9}[dtype.itemsize] * size)
     if np.any(bad):
         raise ArgumentError("W", "antisymmetric matrices", f"W + W^T up to {np.max(rest[bad]):.3g}")
     return tabulate_one(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
@@ -316,7 +317,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
         RotationError: names the argument, and recommends project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
-    tolerance = 2 * ROTATION_TOLERANCE_BY_ITEMSIZE[dtype.itemsize]
+    tolerance = MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE[dtype.itemsize]
     if shape == ():
         one = _rotation_errors({"S": S.ravel().tolist()})
         if one["error"] <= tolerance and one["volume"] >= 0:
