@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # Columns of panels; a motion without rates has the first only, a motion without accelerations the first two.
 _PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
-_TITLE_BY_QUANTITY: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_COLUMN_TITLE_BY_QUANTITY_NAME: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of joints that share a panel, and of the paths of frames; they repeat.
 _JOINT_AND_PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
@@ -109,7 +109,7 @@ def _draw_joint_panels(
             name = group[0].name
             unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
             _draw_joints(axes, group, quantity, curves)
-            axes.set(title=_TITLE_BY_QUANTITY[quantity] if row == 0 else "", ylabel=unit)
+            axes.set(title=_COLUMN_TITLE_BY_QUANTITY_NAME[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)

@@ -35,7 +35,7 @@ _COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point":
 _OUTPUT_NAMES_BY_PANEL_ROW: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
 _ATTITUDE_OUTPUT_NAMES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
-_TITLE_BY_OUTPUT: Final = {
+_PANEL_TITLE_BY_OUTPUT_NAME: Final = {
     "R2": "position of body 2, R2",
     "v2": "velocity, v2",
     "a2": "acceleration, a2",
@@ -129,7 +129,7 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
 
 def _title_and_unit(name: str) -> tuple[str, str]:
     """Return the title of the panel of the output called `name`, and its unit, a tuple of texts."""
-    return _TITLE_BY_OUTPUT.get(name, name), "rad" if name in _ATTITUDE_OUTPUT_NAMES else unit_of(name)
+    return _PANEL_TITLE_BY_OUTPUT_NAME.get(name, name), "rad" if name in _ATTITUDE_OUTPUT_NAMES else unit_of(name)
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
