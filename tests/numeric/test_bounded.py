@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from hingepair.numeric.bounded import Bounded, BoundedDouble, BoundedSingle, in_last_places, kind_of
+from hingepair.numeric.bounded import Bounded, BoundedDouble, BoundedSingle, bounded_class, in_last_places
 
 COUNT = 300
 KINDS = pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
@@ -116,7 +116,7 @@ def test_rounded_numbers_know_how_far_they_were(kind: type[Bounded]) -> None:
 @KINDS
 @pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
 def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], function: str) -> None:
-    """The bound takes a sine that is off by MAX_SINE_ERROR_ULPS; one rounded rightly is off by half a unit."""
+    """The bound takes an error of MAX_SINE_OR_COSINE_ERROR_ULPS; a sine rounded rightly has half a unit."""
     rng = np.random.default_rng(3)
     angles = np.concatenate((rng.uniform(-10, 10, 100), 10.0 ** rng.uniform(-12, 0, 60), [0.0, 0.5, 1e-3]))
     angles = angles.astype(kind.dtype).astype(float)
@@ -148,8 +148,8 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
 
 
 def test_the_kind_follows_the_dtype() -> None:
-    assert kind_of(np.dtype(np.float32)) is BoundedSingle
-    assert kind_of(np.dtype(np.float64)) is BoundedDouble
+    assert bounded_class(np.dtype(np.float32)) is BoundedSingle
+    assert bounded_class(np.dtype(np.float64)) is BoundedDouble
     for kind in (BoundedSingle, BoundedDouble):
         limits = np.finfo(kind.dtype)
         assert (kind.u, kind.largest, kind.smallest) == (limits.eps / 2, limits.max, limits.smallest_subnormal)

@@ -12,9 +12,9 @@ from hingepair.numeric.twofold import (
     exact_product,
     exact_sum,
     normal,
-    pair_product,
-    pair_quotient,
-    pair_sum,
+    twofold_product,
+    twofold_quotient,
+    twofold_sum,
 )
 
 COUNT = 200
@@ -59,10 +59,10 @@ def test_pairs_keep_twice_the_precision(name: str, bits: int) -> None:
     for a, b, c in zip(pairs(5), pairs(6), numbers(7), strict=True):
         x, y = Twofold(*a), Twofold(*b)
         found, exact, size = {
-            "sum": (pair_sum(a, b), exactly(a) + exactly(b), abs(a[0]) + abs(b[0])),
+            "sum": (twofold_sum(a, b), exactly(a) + exactly(b), abs(a[0]) + abs(b[0])),
             "difference": (x - y, exactly(a) - exactly(b), abs(a[0]) + abs(b[0])),
-            "product": (pair_product(a, b), exactly(a) * exactly(b), abs(a[0] * b[0])),
-            "quotient": (pair_quotient(a, c), exactly(a) / Fraction(c), abs(a[0] / c)),
+            "product": (twofold_product(a, b), exactly(a) * exactly(b), abs(a[0] * b[0])),
+            "quotient": (twofold_quotient(a, c), exactly(a) / Fraction(c), abs(a[0] / c)),
         }[name]
         assert abs(exactly(found) - exact) <= Fraction(size) / 2**bits
 
@@ -70,14 +70,14 @@ def test_pairs_keep_twice_the_precision(name: str, bits: int) -> None:
 def test_twofold_numbers_are_those_pairs() -> None:
     for a, b in zip(pairs(8), pairs(9), strict=True):
         x, y = Twofold(*a), Twofold(*b)
-        assert ((x + y).high, (x + y).low) == pair_sum(a, b)
-        assert ((x * y).high, (x * y).low) == pair_product(a, b)
+        assert ((x + y).high, (x + y).low) == twofold_sum(a, b)
+        assert ((x * y).high, (x * y).low) == twofold_product(a, b)
         assert ((-x).high, (-x).low) == (-a[0], -a[1])
         assert (Twofold(a[0]).high, Twofold(a[0]).low) == (a[0], 0.0)
 
 
 def test_arrays_are_numbers_side_by_side() -> None:
     a, b = np.array(pairs(10)).T, np.array(pairs(11)).T
-    found = np.array(pair_product((a[0], a[1]), (b[0], b[1]))).T
-    expected = [pair_product(x, y) for x, y in zip(pairs(10), pairs(11), strict=True)]
+    found = np.array(twofold_product((a[0], a[1]), (b[0], b[1]))).T
+    expected = [twofold_product(x, y) for x, y in zip(pairs(10), pairs(11), strict=True)]
     assert found.tolist() == [list(pair) for pair in expected]

@@ -274,7 +274,7 @@ def test_sines_are_as_good_as_the_bounds_take_them(dtype):
     near = np.pi / 2 * rng.integers(-600_000, 600_000, 20_000) * (1 + 10.0 ** rng.uniform(-15, -3, 20_000))
     angles = np.concatenate([rng.uniform(-4, 4, 40_000), 10 ** rng.uniform(-40, 6, 20_000), near]).astype(dtype)
     wide = angles.astype(np.longdouble)
-    angle = bounded.kind_of(np.dtype(dtype))(angles.astype(float))
+    angle = bounded.bounded_class(np.dtype(dtype))(angles.astype(float))
     sine, cosine = angle.sine(), angle.cosine()
     pair = hp.HingePair(u1=(0, 0, 0), u2=(0, -1, 0), n=(1, 0, 0))
     for backend in ("numpy", "compiled"):

@@ -20,7 +20,7 @@ from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Ste
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
-from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
+from hingepair.numeric.twofold import HighLow, exact_sum, twofold_product, twofold_sum
 
 _QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
 
@@ -71,8 +71,8 @@ class AngleIntegral(_RateIntegral):
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
-            change = pair_product((np.asarray(self.rate.value)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
-            angles = np.stack(pair_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
+            change = twofold_product((np.asarray(self.rate.value)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
+            angles = np.stack(twofold_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
         else:
             low = np.zeros(np.shape(start)) if motions else 0.0
             angles = HIGH_LOW_SUM_SCAN.scan_steps(

@@ -20,7 +20,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.numeric.twofold import HighLow, exact_product, pair_product, pair_quotient, pair_sum
+from hingepair.numeric.twofold import HighLow, exact_product, twofold_product, twofold_quotient, twofold_sum
 
 Quaternion: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
 
@@ -195,9 +195,9 @@ def angle_loop(rule: StepRule) -> Loop:
         nodes and the step length h, two doubles.
         """
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
-        total = functools.reduce(pair_sum, weighted)
-        mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total
-        return {"sum": pair_product(mean, v["h"])}
+        total = functools.reduce(twofold_sum, weighted)
+        mean = twofold_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total
+        return {"sum": twofold_product(mean, v["h"])}
 
     return Loop(f"rises_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
 

@@ -23,7 +23,7 @@ from hingepair.engine.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
+from hingepair.numeric.twofold import HighLow, exact_sum, twofold_sum
 
 STEPS_PER_CHUNK: Final = 16384
 """Steps that are computed at a time: 1.2 MB of omega at three nodes."""
@@ -233,5 +233,5 @@ def _padded_length(count: int) -> int:
 
 ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
 """Scan of rotations, quaternions (w, x, y, z) that are multiplied."""
-HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", pair_sum, (0.0, 0.0), exact=True)
+HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", twofold_sum, (0.0, 0.0), exact=True)
 """Scan of angles, sums of two doubles that are added."""

@@ -15,7 +15,7 @@ from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, kind_of
+from hingepair.numeric.bounded import Bounded, bounded_class
 from hingepair.plans.trees import compute_request
 
 
@@ -29,7 +29,7 @@ def error_bounds(
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
     components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
-    kind = kind_of(result_dtype(components))
+    kind = bounded_class(result_dtype(components))
     frame_count = len(request.frames)
 
     def block_bounds(block_inputs: Named) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hingepair.numeric.arrays import Component
 
-MAX_SINE_ERROR_ULPS = 1.5
+MAX_SINE_OR_COSINE_ERROR_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
@@ -63,7 +63,7 @@ class Bounded:
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
-        x, y = self, self._with(other)
+        x, y = self, self._as_bounded(other)
         total = x.value + y.value
         carried, rounding = x.bound + y.bound, self._rounding_error(total, x.bound + y.bound)
         # A sum is rounded by no more than its smaller term: the larger one is a number, too.
@@ -82,7 +82,7 @@ class Bounded:
         return -self + other
 
     def __mul__(self, other: Self | float) -> Self:
-        x, y = self, self._with(other)
+        x, y = self, self._as_bounded(other)
         product = x.value * y.value
         carried = np.abs(x.value) * y.bound + np.abs(y.value) * x.bound + 3 * x.bound * y.bound
         exact = _multiplies_exactly(x) | _multiplies_exactly(y)
@@ -101,7 +101,7 @@ class Bounded:
         return type(self)(ratio, carried + self._rounding_error(ratio, carried) + 4 * self.smallest)
 
     def __rtruediv__(self, other: float) -> Self:
-        made: Self = self._with(other) / self
+        made: Self = self._as_bounded(other) / self
         return made
 
     def where_above_0(self, then: float, otherwise: float) -> Self:
@@ -144,7 +144,7 @@ class Bounded:
         return type(self)(value, np.where(c.value > 0.65, either, far.bound))
 
     @classmethod
-    def _with(cls, other: Any) -> Any:
+    def _as_bounded(cls, other: Any) -> Any:
         return other if isinstance(other, Bounded) else cls(other)
 
     @classmethod
@@ -157,11 +157,11 @@ class Bounded:
 
     @classmethod
     def _sine_evaluation_error(cls, size: Component) -> Component:
-        """Return the largest error of an evaluated sine or cosine whose absolute value is `size`, MAX_SINE_ERROR_ULPS
-        units in the last place.
+        """Return the largest error of an evaluated sine or cosine whose absolute value is `size`, which is
+        MAX_SINE_OR_COSINE_ERROR_ULPS units in the last place.
         """
         largest_size = np.minimum(np.abs(size) * (1 + 4 * cls.u), 1 - cls.u)
-        return in_last_places(MAX_SINE_ERROR_ULPS, largest_size, cls.u)
+        return in_last_places(MAX_SINE_OR_COSINE_ERROR_ULPS, largest_size, cls.u)
 
 
 class BoundedDouble(Bounded):
@@ -180,7 +180,7 @@ class BoundedSingle(Bounded):
     u, smallest, largest = 2.0**-24, 2.0**-149, float(np.finfo(np.float32).max)
 
 
-def kind_of(dtype: np.dtype[Any]) -> type[Bounded]:
+def bounded_class(dtype: np.dtype[Any]) -> type[Bounded]:
     """Return the class of bounded numbers for a dtype: BoundedSingle for float32, otherwise BoundedDouble."""
     return BoundedSingle if dtype == np.float32 else BoundedDouble
 

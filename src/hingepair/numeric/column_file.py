@@ -128,7 +128,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
                 rows = _csv_rows(stream, used)
             except ValueError:  # once more, slowly: an empty cell is a number that is not there
                 stream.seek(start)
-                rows = _csv_rows(stream, used, converters=_number)
+                rows = _csv_rows(stream, used, converters=_cell_number)
         except ValueError as error:
             _fail_at_row(path, names, positions, str(error))
     if rows.size and rows.shape[1] != len(positions):
@@ -172,7 +172,7 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDA
         return np.loadtxt(stream, usecols=columns, max_rows=MAX_FILE_ROWS + 1, **options)
 
 
-def _number(text: str) -> float:
+def _cell_number(text: str) -> float:
     return float(text) if text.strip() else math.nan
 
 
@@ -201,7 +201,7 @@ def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str
                     raise ArgumentError(place, expected, f"{fields} fields")
                 for i in positions:
                     try:
-                        _number(row[i])
+                        _cell_number(row[i])
                     except ValueError:
                         expected = "a number (nan or an empty cell where there is none)"
                         raise ArgumentError(f"{place}: {names[i]}", expected, repr(row[i][:40])) from None

@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-_MIN_STAMP_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MIN_INTEGER_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
 _MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
 _MAX_TIME_STEP_SPREAD_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
 
@@ -59,7 +59,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_STAMP_READ_AS_NANOSECONDS:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_INTEGER_READ_AS_NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -123,7 +123,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     clock = stamps.dtype.kind in "mM" or (
         stamps.dtype.kind in "iu"
         and stamps.size
-        and np.abs(stamps.astype(np.float64)).min() >= _MIN_STAMP_READ_AS_NANOSECONDS
+        and np.abs(stamps.astype(np.float64)).min() >= _MIN_INTEGER_READ_AS_NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
     return check_instants(name, seconds, order)

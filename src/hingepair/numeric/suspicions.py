@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array, row_norms
 
-_MIN_RECORDING_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
+_MIN_TIME_STEPS_FOR_SUSPICIONS = 8  # of instants that are a recording; fewer are suspicious of nothing
 _MIN_SUSPICIOUSLY_LONG_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
 _MAX_SUSPICIOUSLY_SHORT_TIME_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
 _MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
@@ -36,7 +36,7 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
     ['t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.']
     """
     steps = np.diff(t[np.isfinite(t)])
-    if steps.size < _MIN_RECORDING_STEPS:
+    if steps.size < _MIN_TIME_STEPS_FOR_SUSPICIONS:
         return []
     step = float(np.median(steps))
     if step >= _MIN_SUSPICIOUSLY_LONG_TIME_STEP:

@@ -121,7 +121,7 @@ def _json_values(value: Any) -> Any:
 
 
 # Units of outputs, by their names without the number of the body and the component.
-_UNIT_BY_QUANTITY = {
+_UNIT_BY_QUANTITY_NAME = {
     "t": "s",
     **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
     **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
@@ -211,4 +211,4 @@ def unit_of(name: str) -> str:
     ('rad/s', 'm', '1', 'N m')
     """
     vector = name.rpartition("_")[0]
-    return _UNIT_BY_QUANTITY.get(name.rstrip("12")) or _UNIT_BY_QUANTITY.get(vector.rstrip("12"), "1")
+    return _UNIT_BY_QUANTITY_NAME.get(name.rstrip("12")) or _UNIT_BY_QUANTITY_NAME.get(vector.rstrip("12"), "1")

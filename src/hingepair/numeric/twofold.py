@@ -26,31 +26,31 @@ class Twofold:
         self.low = low
 
     def __add__(self, other: Twofold) -> Twofold:
-        return Twofold(*pair_sum((self.high, self.low), (other.high, other.low)))
+        return Twofold(*twofold_sum((self.high, self.low), (other.high, other.low)))
 
     def __neg__(self) -> Twofold:
         return Twofold(-self.high, -self.low)
 
     def __sub__(self, other: Twofold) -> Twofold:
-        return Twofold(*pair_sum((self.high, self.low), (-other.high, -other.low)))
+        return Twofold(*twofold_sum((self.high, self.low), (-other.high, -other.low)))
 
     def __mul__(self, other: Twofold) -> Twofold:
-        return Twofold(*pair_product((self.high, self.low), (other.high, other.low)))
+        return Twofold(*twofold_product((self.high, self.low), (other.high, other.low)))
 
 
-def pair_sum(a: HighLow, b: HighLow) -> HighLow:
+def twofold_sum(a: HighLow, b: HighLow) -> HighLow:
     """Return the sum of two numbers of twice the precision; each number and the result are tuples (high, low)."""
     total, lost = exact_sum(a[0], b[0])
     return normal(total, lost + (a[1] + b[1]))
 
 
-def pair_product(a: HighLow, b: HighLow) -> HighLow:
+def twofold_product(a: HighLow, b: HighLow) -> HighLow:
     """Return the product of two numbers of twice the precision; each number and the result are tuples (high, low)."""
     high, lost = exact_product(a[0], b[0])
     return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
 
 
-def pair_quotient(a: HighLow, divisor: Component) -> HighLow:
+def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
     """Return the quotient a / divisor of a number of twice the precision, given as (high, low), and a double, as
     (high, low).
     """

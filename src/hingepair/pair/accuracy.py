@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, BoundedDouble, kind_of
+from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
@@ -291,7 +291,7 @@ def _plan_error_bounds(
     of their samples.
     """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
-    kind = kind_of(dtype)
+    kind = bounded_class(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
     source_names = {
         name: parts for name, parts in _SOURCE_NAMES_BY_DERIVED_CONSTANT.items() if name != "n" or not aligned

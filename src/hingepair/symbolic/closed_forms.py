@@ -20,7 +20,7 @@ from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, check_outputs, make_plan
-from hingepair.symbolic.exact_constants import MAX_SQUARED_ENTRY_DENOMINATOR, exact
+from hingepair.symbolic.exact_constants import MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT, exact
 from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_symbols, sorted_terms
@@ -209,7 +209,7 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
 
     The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """
-    squares = [Fraction(c * c).limit_denominator(MAX_SQUARED_ENTRY_DENOMINATOR) for c in n]
+    squares = [Fraction(c * c).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )

@@ -12,8 +12,8 @@ import sympy
 from hingepair.equations import spatial as eq
 from hingepair.symbolic.kinks import Expr
 
-MAX_SQUARED_ENTRY_DENOMINATOR: Final = 1_000
-"""Largest denominator of the square of an entry of a rotation or a unit vector that is recognised as a root."""
+MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT: Final = 1_000
+"""Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
 _EXACT_ENTRY_TOLERANCE: Final = 4 * 2.0**-53
 """Largest difference of an entry of a rotation from an exact number that it is taken for; relative to a root."""
 _EXACT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
@@ -35,7 +35,7 @@ def exact_entry(value: float) -> Expr:
     nearest = float(round(value))
     if abs(value - nearest) <= _EXACT_ENTRY_TOLERANCE:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(MAX_SQUARED_ENTRY_DENOMINATOR)
+    square = Fraction(value * value).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
     return root if abs(float(root) - value) <= _EXACT_ENTRY_TOLERANCE * abs(value) else exact(value)
 

@@ -39,7 +39,7 @@ _PARALLEL_AXES_COMPONENT_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
 _RIGHT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
 """Largest difference [rad] from a multiple of pi/2 of an angle that counts as such a multiple."""
-_ZERO_COMPONENT_REL_TOLERANCE: Final = 4 * 2.0**-53
+_ZERO_TO_LARGEST_COMPONENT_TOLERANCE: Final = 4 * 2.0**-53
 """Largest size, relative to the largest component of a point, of a component that counts as 0."""
 _ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 # The rotation by no angle, row by row.
@@ -224,7 +224,7 @@ class FrameProgram:
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
-            if abs(value) <= _ZERO_COMPONENT_REL_TOLERANCE * size:
+            if abs(value) <= _ZERO_TO_LARGEST_COMPONENT_TOLERANCE * size:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:

@@ -20,16 +20,20 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 _MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
-_MAX_PRINTED_FRACTION_INTEGER: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
+_MAX_INTEGER_IN_PRINTED_FRACTION: Final = (
+    10**6
+)  # largest numerator or denominator of a fraction that is printed as such
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
-_MAX_EXACT_NUMBER_CHARACTERS: Final = 18
-_ZERO_SUM_REL_TOLERANCE: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+_MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
+_ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = (
+    1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+)
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
-_MAX_DENOMINATOR_AMONG_DECIMALS: Final = 4
+_MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
-_LATEX_BY_SYMBOL_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
-_SUPERSCRIPT_TRANSLATION = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
+_LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
+_SUPERSCRIPT_TRANSLATION_TABLE = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
 
 Writer: TypeAlias = Callable[[Expr], str]
 """Function that formats an expression as text."""
@@ -76,8 +80,8 @@ def latex_name(name: str) -> str:
     letter, _, index = bare.partition("_")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    if letter in _LATEX_BY_SYMBOL_NAME:
-        letter = _LATEX_BY_SYMBOL_NAME[letter]
+    if letter in _LATEX_BY_JACOBIAN_BLOCK_NAME:
+        letter = _LATEX_BY_JACOBIAN_BLOCK_NAME[letter]
     else:
         letter = (
             f"\\{letter}"
@@ -98,7 +102,7 @@ def _decimal_text(value: Expr, max_denominator: int = _MAX_READABLE_DENOMINATOR)
     if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return _float_text(value) if terminates or max(abs(value.p), value.q) > _MAX_PRINTED_FRACTION_INTEGER else None
+    return _float_text(value) if terminates or max(abs(value.p), value.q) > _MAX_INTEGER_IN_PRINTED_FRACTION else None
 
 
 def _float_text(value: Expr) -> str:
@@ -152,7 +156,7 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
 
 
 # SymPy's names of functions with kinks.
-_SYMPY_NAME_BY_KINK_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
+_SYMPY_FUNCTION_NAME_BY_KINKED_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
 
 
 class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
@@ -160,8 +164,8 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
 
     def _print_Function(self, expr: Expr) -> str:
         """Return the source of a function call. Functions with kinks become SymPy's Max, Min, Mod or Piecewise."""
-        if type(expr) in _SYMPY_NAME_BY_KINK_CLASS:
-            return f"{_SYMPY_NAME_BY_KINK_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        if type(expr) in _SYMPY_FUNCTION_NAME_BY_KINKED_CLASS:
+            return f"{_SYMPY_FUNCTION_NAME_BY_KINKED_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
             x, y = map(self._print, expr.args[1:])
             return f"Piecewise(({x}, {self._condition_source(expr.guard)}), ({y}, True))"
@@ -278,7 +282,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         if _is_root(expr):
             return f"√{base}"
         if expr.exp.is_Integer:
-            return base + str(expr.exp).translate(_SUPERSCRIPT_TRANSLATION)
+            return base + str(expr.exp).translate(_SUPERSCRIPT_TRANSLATION_TABLE)
         return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
@@ -341,10 +345,10 @@ def _short_constant(constant: Expr) -> Expr:
     """Return a constant unchanged if its exact text is short; otherwise the rational number that the shortest decimal
     of its float shows, or 0 for a sum that cancels.
     """
-    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_NUMBER_CHARACTERS:
+    if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _ZERO_SUM_REL_TOLERANCE * max(
+    if abs(value) <= _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE * max(
         abs(constant_value(term)) for term in sympy.Add.make_args(constant)
     ):
         return sympy.S.Zero
@@ -386,13 +390,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_AMONG_DECIMALS
+    max_denominator = _MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_AMONG_DECIMALS
+    max_denominator = _MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS
 
 
 # The printers of expressions as functions.

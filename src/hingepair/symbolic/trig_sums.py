@@ -16,7 +16,7 @@ import sympy
 from hingepair.symbolic.exact_constants import unnested
 from hingepair.symbolic.kinks import Expr
 
-MAX_SUM_TERMS: Final = 200
+MAX_TRIG_SUM_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
 MAX_MULTIPLIED_TERM_PAIRS: Final = 10_000
 """Largest number of pairs of terms in one multiplication."""
@@ -109,7 +109,7 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
     if expr.is_Mul:
         return functools.reduce(_multiply_sums, map(_expand_terms, expr.args))
-    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_SUM_TERMS and expr.free_symbols:
+    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_TRIG_SUM_TERMS and expr.free_symbols:
         return functools.reduce(_multiply_sums, [_expand_terms(expr.base)] * int(expr.exp))
     if isinstance(expr, sympy.sin | sympy.cos) and expr.free_symbols:
         return dict(_normalise_trig(expr.args[0], isinstance(expr, sympy.sin)))
@@ -130,13 +130,13 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
 
 def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
     """Return a dict of coefficients by term from (term, coefficient) pairs. Coefficients of equal terms are added,
-    and zeros left out. Raise _TooManyTermsError for more than MAX_SUM_TERMS terms.
+    and zeros left out. Raise _TooManyTermsError for more than MAX_TRIG_SUM_TERMS terms.
     """
     total: _TrigTerms = {}
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient
     total = {wave: coefficient for wave, coefficient in total.items() if coefficient}
-    if len(total) > MAX_SUM_TERMS:
+    if len(total) > MAX_TRIG_SUM_TERMS:
         raise _TooManyTermsError
     return total
 
