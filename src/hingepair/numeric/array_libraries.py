@@ -153,11 +153,13 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
 
 
 def _namespace(x: ForeignArray) -> Any:
+    """Return the module with the functions of an array's library, named as in the array API standard."""
     from array_api_compat import array_namespace
 
     return array_namespace(x)
 
 
 def _name_of(array: ForeignArray) -> str:
+    """Return the name of the library of an array, such as "jax" or "torch"."""
     name = type(array).__module__.partition(".")[0]
     return "jax" if name == "jaxlib" else name

@@ -145,10 +145,12 @@ def _apply_by_name(x: Component, function_name: str) -> Component:
 
 
 def _map_components(group: Any, change: Callable[[Component], Component]) -> Any:
+    """Return the results of the function `change` for each component of a tuple, or for the only component."""
     return tuple(map(change, group)) if isinstance(group, tuple) else change(group)
 
 
 def _holds_array(group: Any) -> bool:
+    """Return whether a component, or one of a tuple of components, is a NumPy array."""
     return any(isinstance(c, np.ndarray) for c in (group if isinstance(group, tuple) else (group,)))
 
 

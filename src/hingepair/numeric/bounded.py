@@ -130,6 +130,7 @@ class Bounded:
         return type(self)(c, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def _is_exact_zero(self) -> Any:
+        """Return whether this number is 0 without an error, sample by sample."""
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
@@ -145,6 +146,7 @@ class Bounded:
 
     @classmethod
     def _as_bounded(cls, other: Any) -> Any:
+        """Return a plain number as a number of this class without an error, a bounded number as it is."""
         return other if isinstance(other, Bounded) else cls(other)
 
     @classmethod

@@ -173,6 +173,7 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDA
 
 
 def _cell_number(text: str) -> float:
+    """Return the number in the text of a cell as a float, NaN for an empty text. Raise ValueError for no number."""
     return float(text) if text.strip() else math.nan
 
 
@@ -295,6 +296,7 @@ def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _check_rows(count: int) -> None:
+    """Raise ArgumentError if the number of rows is more than MAX_FILE_ROWS."""
     if count > MAX_FILE_ROWS:
         raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", count)
 

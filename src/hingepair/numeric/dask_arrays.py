@@ -60,12 +60,14 @@ def unwrap_lazy_xarray(value: Any) -> Any:
 
 
 def _is_dask_array(value: Any) -> bool:
+    """Return whether a value is a Dask array, or an xarray object that holds one."""
     arrays: Any = sys.modules.get("dask.array")
     value = value.data if type(value).__module__.partition(".")[0] == "xarray" else value
     return arrays is not None and isinstance(value, arrays.Array)
 
 
 def _is_dask_table(value: Any) -> bool:
+    """Return whether a value is a Dask data frame."""
     return type(value).__module__.startswith("dask.dataframe") and hasattr(value, "columns")
 
 
@@ -83,6 +85,7 @@ class DaskCollection:
         raise NotImplementedError
 
     def _dask_arrays(self) -> list[Any]:
+        """Return the Dask arrays of this result as a list, which is empty if Dask is not imported."""
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
@@ -508,4 +511,5 @@ def _make_lazy_arrays(
 
 
 def _take_array(arrays: tuple[NDArray[Any], ...], position: int) -> NDArray[Any]:
+    """Return the array at a position of the tuple of arrays that one chunk gives."""
     return arrays[position]

@@ -158,6 +158,7 @@ class Shown:
     __slots__ = ()
 
     def _sheet(self) -> Sheet:
+        """Return the table of this object."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
@@ -167,6 +168,7 @@ class Shown:
         title, (heading, *rows), notes = self._sheet()
 
         def row(cells: Iterable[str], tag: str) -> str:
+            """Return a row of the HTML table with the cells in the given tag, "td" or "th"."""
             return f"<tr>{''.join(f'<{tag}>{escape(printable(cell))}</{tag}>' for cell in cells)}</tr>"
 
         body = "".join(row(cells, "td") for cells in rows)

@@ -60,7 +60,9 @@ def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
 
 
 def normal(high: Component, low: Component) -> HighLow:
-    """Return the exact sum of two doubles, of which `low` is much smaller than `high`, as (high, low)."""
+    """Return the exact sum of two doubles, of which `low` is much smaller than `high`, as the tuple (high, low) of
+    the rounded sum and its rounding error.
+    """
     total = high + low
     return total, (high - total) + low
 

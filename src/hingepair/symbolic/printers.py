@@ -372,6 +372,7 @@ def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
     """
 
     def key(term: Expr) -> tuple[int, Any, Any]:
+        """Return the sort key of a term."""
         coefficient, factor = term.as_coeff_Mul(rational=True)
         symbols = sorted((len(symbol.name), symbol.name[1:], symbol.name) for symbol in term.free_symbols)
         return count_symbols(term), symbols if by_symbols else abs(coefficient), factor.sort_key()
