@@ -20,15 +20,13 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 _MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
-_MAX_INTEGER_IN_PRINTED_FRACTION: Final = (
-    10**6
-)  # largest numerator or denominator of a fraction that is printed as such
+# Largest numerator or denominator of a fraction that is printed as such.
+_MAX_INTEGER_IN_PRINTED_FRACTION: Final = 10**6
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
 _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
-_ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = (
-    1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
-)
+# A sum of constants that is smaller, relative to its largest term, counts as 0.
+_ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
 _MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
