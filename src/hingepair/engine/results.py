@@ -35,7 +35,7 @@ class Results(DaskCollection, Shown):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Leading shape of every output, as a tuple with a number for each axis of the samples; () for one state."""
+        """Leading shape of every output, as a tuple of the lengths of the axes of the samples; () for one state."""
         return self._content[2]
 
     @property

@@ -49,10 +49,11 @@ class Mechanism(MechanismMethods):
     - a dict whose keys are the joints' names, with a number or an array (...) for each joint. A number is the same
       for all samples.
 
-    The argument `base_motion` is a BodyMotion with the pose and the motion of the base. Without it, the base rests at
-    the origin of the world. If it has only R and S, the base rests in this pose. R1 is the position of the base's
-    reference point, the origin of the base link. Vectors are in world axes, and accelerations are classical (the
-    second derivatives of positions).
+    The argument `base_motion` is a BodyMotion with the pose and the motion of the base. Without this argument, the
+    base rests at the origin of the world. If `base_motion` has only R and S, the base rests in this pose. R1 is the
+    position of the base's reference point, the origin of the base link. Vectors are in world axes, and accelerations
+    are classical (the second derivatives of positions). For a robot `robot`, `robot["elbow"]` is the joint named
+    "elbow" as a HingePair or a Slider.
 
     Args:
         pairs: HingePairs and Sliders, one for each joint, in the order of q. The name of a pair is the name of the
@@ -65,7 +66,8 @@ class Mechanism(MechanismMethods):
         name: name of the robot. By default, it is "mechanism".
 
     Raises:
-        ArgumentError: the pairs do not form a tree, or they are not in the order of q; the message gives that order.
+        ArgumentError: the pairs do not form a tree, or they are not in the order of q. For a wrong order, the message
+            gives the right one.
 
     >>> import hingepair as hp
     >>> upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
@@ -105,13 +107,15 @@ class Mechanism(MechanismMethods):
         """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
         `locked` is a dict whose keys are names of joints and whose values are the positions at which these joints are
         held. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
-        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
-        does not exist.
+        Issue a DynamicsWarning if a joint is locked beyond its limits, and a UserWarning if the joint that a mimic
+        joint follows does not exist.
 
         Revolute and continuous joints become hinges, and prismatic joints become sliders. Links that fixed joints
-        connect become one body with their combined mass and inertia. A mimic joint has no coordinate of its own: its
-        position is computed from the joint that it follows. Masses and inertias are used as they are written, even if
-        no rigid body can have them; a `DynamicsWarning` names such bodies at the first computation that uses masses.
+        connect become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
+        position is computed from the joint that it follows. If that joint does not exist, the mimic joint has a
+        coordinate like any other joint. A link without <inertial> has no mass. Masses and inertias are used as they
+        are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies at the first
+        computation that uses masses.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<").
@@ -157,14 +161,15 @@ class Mechanism(MechanismMethods):
                 The robot's q is Pinocchio's q with two exceptions. The seven numbers of a free-flyer are left out;
                 the argument `base_motion` of the methods gives the pose of the base. For a continuous joint,
                 Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds the angle.
-            base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.
+            base: "fixed" or "free", whether or not the model has a free-flyer. By default, the base is free if the
+                model has a free-flyer, and otherwise fixed.
             locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have
                 no coordinate in the robot's q.
 
         Raises:
-            ArgumentError: a joint is of a kind that is not listed here, a joint is not in depth-first order, the
-                armature of a joint is negative or not finite, or the free-flyer has an armature. The message names
-                the joint.
+            ArgumentError: a joint is of a kind that is not listed under `model`, a joint is not in depth-first order,
+                the armature of a joint is negative or not finite, or the free-flyer has an armature. The message
+                names the joint.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -280,7 +285,8 @@ class Mechanism(MechanismMethods):
         >>> import hingepair as hp
         >>> ball = hp.Body(2, inertia=(1, 1, 1))
         >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand", body2=ball)
-        >>> hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))["hand"].body2.mass
+        >>> robot = hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))
+        >>> robot["hand"].body2.mass  # of the ball and the payload together
         5.0
         """
         return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)

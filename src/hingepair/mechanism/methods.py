@@ -131,21 +131,22 @@ class MechanismMethods(Shown):
             frames: names of links, joints or added frames. By default, they are `robot.tips`, the last link of every
                 branch. A name that a joint and a link share means the link. As in URDF, the frame of a joint moves
                 with the joint's child link.
-            outputs: names of the outputs to compute, out of R (position of the frame's origin), S (rotation matrix
-                from frame axes to world axes), d (vector from the base's reference point to R), v (velocity of the
-                frame's origin), omega, a and alpha. By default, all outputs are computed for which the coordinates
-                suffice.
+            outputs: names of the outputs to compute, out of R (position of the frame's origin [m]), S (rotation
+                matrix from frame axes to world axes), d (vector from the base's reference point to R [m]), v
+                (velocity of the frame's origin [m/s]), omega (angular velocity [rad/s]), a (acceleration of the
+                frame's origin [m/s^2]) and alpha (angular acceleration [rad/s^2]). By default, all outputs are
+                computed for which the coordinates suffice.
             base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written;
-                shape (..., frames, 3), for S (..., frames, 3, 3).
-            workers: number of threads; -1 for all cores.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+                The array of S has shape (..., frames, 3, 3), and all others have shape (..., frames, 3).
+            workers: number of threads; -1 for one thread per core.
             backend: "numpy", "compiled", or "auto" (default), which uses compiled code if there are enough samples to
                 make up for the time of compiling.
 
         Returns:
-            The motion of the frames. For a result `state`, `state["panda_hand"].R` is the position of one frame,
-            shape (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). Outputs that are
-            not computed are None. The dtype is float32 if all given arrays are float32, else float64.
+            The MechanismState. For a result `state`, `state["panda_hand"].R` is the position of one frame, shape
+            (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). Outputs that are not
+            computed are None. The dtype is float32 if all given arrays are float32, else float64.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -186,15 +187,16 @@ class MechanismMethods(Shown):
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            frame: name of a link, a joint or an added frame. By default, it is the last link if the robot has a
-                single branch.
+            frame: name of a link, a joint or an added frame. If the robot has a single branch, the default is the
+                last link; otherwise, there is no default.
             base_motion: motion of the base; only S is used. By default, S is the identity.
             out: an array of the shape of the result, into which the result is written.
-            workers: number of threads; -1 for all cores.
+            workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Raises:
-            ArgumentError: an argument cannot be used, or `frame` is needed since the robot has several branches.
+            ArgumentError: an argument cannot be used, or `frame` is not given although the robot has several
+                branches.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -215,16 +217,17 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). It is `bias` in
-        (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and the result
-        is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an array
-        `out` is given, the bias is written into it.
+        """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). The result is `bias`
+        in (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and the
+        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an
+        array `out` is given, the bias is written into it.
 
         J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
-        alpha is the angular acceleration [rad/s^2], and both are in world axes. If the base is "fixed", the bias
-        includes the effect of the velocities and accelerations of `base_motion`; if it is "free", only S and omega of
-        `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as for
-        `jacobian`.
+        and alpha is the angular acceleration of the frame [rad/s^2]. a1 and alpha1 are the acceleration of the base's
+        reference point and the angular acceleration of the base. All four are in world axes. If the base is "fixed",
+        the bias includes the effect of the velocities and accelerations of `base_motion`. If the base is "free", only
+        S and omega of `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as
+        for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -255,9 +258,9 @@ class MechanismMethods(Shown):
         `base_motion` is None or a BodyMotion.
 
         The error is the difference between the computed result and the exact result of the equations. The given
-        arguments are taken as exact, and so are the joints and bodies of this robot as they are stored in
-        `robot.tree`. The bounds are rigorous for the backends "numpy" and "compiled" if sines and cosines are
-        accurate to 1.5 units in the last place.
+        arguments are taken as exact, and so are the dimensions and mass properties of the robot as they are stored in
+        floating-point numbers. The bounds are rigorous for the backends "numpy" and "compiled" if sines and cosines
+        are accurate to 1.5 units in the last place.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -268,7 +271,7 @@ class MechanismMethods(Shown):
                 names are:
 
                 - R, S, d, v, omega, a and alpha, from `forward_kinematics`;
-                - jacobian and acceleration_bias, which are computed only for the first frame in `frames`;
+                - jacobian and acceleration_bias, only for the first frame in `frames`;
                 - tau, force1 and torque1, from `inverse_dynamics`;
                 - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
                 - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
@@ -285,8 +288,8 @@ class MechanismMethods(Shown):
             A dict whose keys are the names of the outputs. Each value is an array with a bound for each sample, in
             the unit of the output; the bound holds for the absolute errors of all components. For outputs of
             `forward_kinematics`, the array has shape (..., frames), one bound for each frame; for all other outputs,
-            it has shape (...). A bound is infinite if numbers overflow or are not finite. It is also infinite if the
-            mass matrix is so close to singular that rounding errors could make it singular.
+            it has shape (...). A bound is infinite if an argument is not finite or if the computation overflows. It
+            is also infinite if the mass matrix is so close to singular that rounding errors could make it singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
@@ -354,15 +357,15 @@ class MechanismMethods(Shown):
                 S is the identity.
             outputs: names of the outputs to compute, out of tau, force1 and torque1; by default all.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
-            workers: number of threads; -1 for all cores.
+            workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
             The MechanismForces. Its `tau` are the torques of hinges [N m] and the forces of sliders [N] in the order
             of q; shape (..., dof). Its `force1` [N] is the force on the base at the base's reference point R1, and
-            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. If the base is
-            "fixed", its support exerts them, and the base's own mass is not counted. If it is "free", this mass is
-            counted.
+            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. All of them are
+            required in addition to gravity and `wrenches`. The support of a "fixed" base exerts force1 and torque1;
+            the mass of a "fixed" base is not counted. The mass of a "free" base is counted.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -419,14 +422,15 @@ class MechanismMethods(Shown):
                 omega, a and alpha. By default, the base is at rest, and S is the identity.
             outputs: names of the outputs to compute: qdd, and for a free base a1 and alpha1; by default all.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
-            workers: number of threads; -1 for all cores.
+            workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
             The MechanismAccelerations. Its `qdd` are the second time derivatives of q [rad/s^2 for hinges, m/s^2 for
             sliders]; shape (..., dof). For a free base, its `a1` is the acceleration of R1 [m/s^2], and its `alpha1`
             is the angular acceleration of the base [rad/s^2]; world axes, shape (..., 3) each. If the mass matrix is
-            singular at a sample, they are NaN, and the DynamicsWarning names a joint whose motion no inertia resists.
+            singular at a sample, all three are NaN there, and the DynamicsWarning names a joint whose motion no
+            inertia resists.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -552,7 +556,8 @@ class MechanismMethods(Shown):
         inertia was not given or is physically impossible.
 
         The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, the base is
-        at the origin of the world. The centre of mass of a single body is `Body.center_of_mass`.
+        at the origin of the world. If all included masses are 0, the result is NaN. The centre of mass of a single
+        body is `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -577,8 +582,8 @@ class MechanismMethods(Shown):
         was not given or is physically impossible.
 
         Vectors are in world axes. v1 is the velocity of the base's reference point, and omega1 is the angular
-        velocity of the base. The mass of a "fixed" base is not included. The arguments are the same as for
-        `jacobian`; of `base_motion`, only S is used.
+        velocity of the base. The mass of a "fixed" base is not included. If all included masses are 0, the result is
+        NaN. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -598,16 +603,17 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the acceleration of the robot's centre of mass at qdd = 0, an array (..., 3) [m/s^2]. It is `bias`
-        in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias, and the result
-        is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an array
-        `out` is given, the bias is written into it. The robot's first computation that uses masses issues a
+        """Compute the acceleration of the robot's centre of mass at qdd = 0, an array (..., 3) [m/s^2]. The result is
+        `bias` in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias, and the
+        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an
+        array `out` is given, the bias is written into it. The robot's first computation that uses masses issues a
         DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        J is the result of `centre_of_mass_jacobian`. Vectors are in world axes. If the base is "fixed", the bias
-        includes the effect of the velocities and accelerations of `base_motion`; if it is "free", only S and omega of
-        `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as for
-        `jacobian`.
+        J is the result of `centre_of_mass_jacobian`. a1 and alpha1 are the acceleration of the base's reference point
+        and the angular acceleration of the base. Vectors are in world axes. If the base is "fixed", the bias includes
+        the effect of the velocities and accelerations of `base_motion`. If the base is "free", only S and omega of
+        `base_motion` are used. The mass of a "fixed" base is not included. If all included masses are 0, the result
+        is NaN. `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -686,9 +692,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PreparedMechanism:
-        """Plan, check and compile a computation once, and return it as a callable for loops over single states or
-        small batches. `given` is the name of a computation such as "jacobian", or a tuple of the names of the
-        callable's arguments. `frames` are the names of the frames, and `outputs` the names of the results to compute.
+        """Plan, check and compile a computation once, and return the computation as a callable. The callable is meant
+        for loops over single states or small batches. `given` is the name of a computation such as "jacobian", or a
+        tuple of the names of the callable's arguments. `frames` are the names of the frames, and `outputs` the names
+        of the results to compute.
 
         Args:
             given: one of two things:
@@ -699,29 +706,33 @@ class MechanismMethods(Shown):
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
                   "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
-                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base). The
-                  computation then follows from `outputs`.
+                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
                 If the motion of the base is not among the arguments, the base rests at the origin of the world.
             frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
-            outputs: names of the outputs to compute. By default, these are all outputs of the computation that
-                `given` names. For a tuple, they are by default all outputs of `forward_kinematics` for which the
-                arguments suffice.
+            outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
+                this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
+                and jacobian, acceleration_bias, mass_matrix, bias_forces and gravity_forces. If the tuple holds qdd,
+                they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
+                By default, a tuple gives all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            workers: number of threads; -1 for all cores.
+            workers: number of threads; -1 for one thread per core.
             backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
                 fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A callable. Its positional arguments are the arrays, in the order above or in the order of the tuple. Its
-            optional keyword argument `out` is used as in the robot's methods. It returns what one of the robot's
-            methods returns: `forward_kinematics` for "pose", "velocity" and "acceleration", otherwise the method with
-            the name of the computation. For a tuple, `outputs` determines the method. The callable has the attributes
-            `.source`, the generated Python code; `.llvm`, the generated LLVM code; and `.operations`, the
-            OperationCounts that `count_operations` returns.
+            A callable. The positional arguments are the arrays, in the order given above for the computation or in
+            the order of the tuple. The optional keyword argument `out` is used as in the robot's methods. The
+            callable returns the same as the method that computes these outputs: `forward_kinematics` for "pose",
+            "velocity" and "acceleration", otherwise the method with the name of the computation. For a tuple whose
+            outputs belong to several methods, the outputs are read like items of a dict, such as
+            `result["jacobian"]`. The callable has the attributes `.source`, the generated Python code; `.llvm`, the
+            generated LLVM code; and `.operations`, the numbers of operations as OperationCounts (see
+            `count_operations`).
 
         Raises:
-            ArgumentError: a name is unknown, or an output needs an argument that is not given; the message names it.
+            ArgumentError: a name is unknown, or an output needs an argument that is not given. The message names what
+                is unknown or missing.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -756,11 +767,12 @@ class MechanismMethods(Shown):
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
         """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform to compute
-        `outputs`, without computing them. The positional arguments `coordinates` are q, or q and qd, or q, qd and
-        qdd. Return OperationCounts with the attributes `per_sample`, `shared` and `unfolded`.
+        `outputs`. Nothing is computed. The positional arguments `coordinates` are q, or q and qd, or q, qd and qdd.
+        Return OperationCounts with the attributes `per_sample`, `shared` and `unfolded`.
 
-        Coordinates may be dicts, as for `forward_kinematics`. A plain number in such a dict is a constant. Operations
-        whose operands are all constant are either eliminated or performed once for all samples.
+        A coordinate with one value for all samples, such as a plain number in a dict of coordinates, is a constant.
+        Operations whose operands are all constant are either eliminated or performed once for all samples. A sine, a
+        cosine and a square root count as one operation each.
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
@@ -770,8 +782,8 @@ class MechanismMethods(Shown):
 
         Returns:
             A named tuple of three integers: `.per_sample`, the operations for each sample; `.shared`, the operations
-            that are performed once for all samples; `.unfolded`, the operations for each sample if no input were
-            constant.
+            that are performed once for all samples; `.unfolded`, the operations that each sample would need if all
+            coordinates and the motion of the base varied from sample to sample.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs coordinates that are not given.

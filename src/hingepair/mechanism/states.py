@@ -33,8 +33,8 @@ _PER_COORDINATE_OUTPUT_NAMES: Final = ("tau", "qdd")
 
 class FrameState(Results):
     """Motion of one frame at every sample in world axes and SI units: position R of the origin, rotation matrix S
-    from frame axes to world axes, vector d from the base's reference point to R, velocities v and omega, and
-    accelerations a and alpha. Outputs that were not computed are None.
+    from frame axes to world axes, vector d from the base's reference point to R, velocity v and acceleration a of the
+    origin, angular velocity omega, and angular acceleration alpha. Outputs that were not computed are None.
     """
 
     __slots__ = _DOC_BY_MOTION_OUTPUT
@@ -50,15 +50,15 @@ class FrameState(Results):
 
 class MechanismState(Results):
     """Motion of some frames of a robot at every sample in world axes and SI units: position R of the origin, rotation
-    matrix S from frame axes to world axes, vector d from the base's reference point to R, velocities v and omega, and
-    accelerations a and alpha. Outputs that were not computed are None.
+    matrix S from frame axes to world axes, vector d from the base's reference point to R, velocity v and acceleration
+    a of the origin, angular velocity omega, and angular acceleration alpha. Outputs that were not computed are None.
 
     The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
     outputs have shape (..., F, 3). For a MechanismState `state`, `state["hand"]` is the motion of the frame "hand", a
     FrameState without the axis of the frames.
 
     Attributes:
-        frames: names of the frames, in the order of their axis.
+        frames: names of the frames, in the order of the axis of the frames.
     """
 
     __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _DOC_BY_MOTION_OUTPUT.items()}
@@ -138,11 +138,11 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample. The first columns have the names of the joints. The
-        components of the base's vectors follow in columns such as force1_x or a1_x.
+        """Return a pandas DataFrame with a row for each sample. The values of tau or qdd are in columns with the
+        names of the joints. The components of the base's vectors are in columns such as force1_x or a1_x.
 
-        For a MechanismForces with only `tau` (computed with `outputs=("tau",)`), the table has only the columns of
-        the joints, and the methods of the robot accept it as the argument `tau`.
+        The columns are in the order of the attribute `outputs`. If the result has only tau (`outputs=("tau",)`) or
+        only qdd (`outputs=("qdd",)`), the methods of the robot accept the table as the argument `tau` or `qdd`.
 
         Raises:
             ArgumentError: the samples have more than one axis.

@@ -227,9 +227,9 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Return a Prepared object, which is called like a function and is compiled only once, for loops over single
-        states or small batches. `given` is a tuple of the names of its inputs, or a word such as "velocity" that
-        stands for such a tuple. `outputs` are the names of the results that it computes.
+        """Return a Prepared object, a function that computes the results named in `outputs` and is compiled only
+        once. It is meant for loops over single states or small batches. `given` is a tuple of the names of the
+        function's inputs, or a word such as "velocity" that stands for such a tuple.
 
         Args:
             given: names of the inputs as a tuple, in the order in which each call passes them, or a word that stands
@@ -242,9 +242,9 @@ class HingePair(Shown):
                 A tuple can hold q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid and
                 psidd. For outputs that depend on the motions of both bodies, such as gap, it can also hold R2, S2,
                 v2, omega2, a2 and alpha2. For forward dynamics, it can also hold the loads force1, torque1,
-                hinge_torque, force2 and torque2. Exactly one of the names must be q, S1, quat_xyzw or quat_wxyz,
-                which give the attitude of body 1. In quat_xyzw and quat_wxyz, the letters are the order of the
-                quaternion's components.
+                hinge_torque, force2 and torque2 of `forward_dynamics`. Exactly one of the names must be q, S1,
+                quat_xyzw or quat_wxyz, which give the attitude of body 1. quat_xyzw and quat_wxyz are quaternions
+                from body-1 axes to world axes; the letters are the order of the components.
             outputs: names of the outputs to compute, out of:
 
                 - the outputs of `forward_kinematics`;
@@ -257,22 +257,28 @@ class HingePair(Shown):
                   potential (`energy`), linear and angular (`momentum`);
                 - if a load is an input, the accelerations a1, alpha1 and psidd (`forward_dynamics`).
 
-                If `outputs` is not given, the results of inverse or forward dynamics are computed if `given` holds
-                their inputs, and otherwise all outputs of body 2 that the inputs allow.
+                If `outputs` is not given, `given` determines the outputs. If a load is an input, they are a1, alpha1
+                and psidd. For the word "inverse_dynamics", they are force1, torque1 and hinge_torque. In all other
+                cases, they are R2, S2 and d; with qd or psid also v2 and omega2; with qdd or psidd also a2 and
+                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
-            backend: "auto" and "compiled" compile machine code before this method returns; "numpy" never compiles.
+            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
+                fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A `Prepared` object. A call takes the inputs in the order of `given`; they broadcast against each other.
-            The optional argument `out` of a call is a dict whose keys are names of outputs and whose values are
-            arrays, into which the results are written. A call returns a `PairState`. Outputs that are not attributes
-            of a PairState are read like items of a dict, such as `state["gap"]`. The attributes `source` and `llvm`
-            of the object are the generated Python code and the generated LLVM code, as text.
+            A `Prepared` object. A call takes the inputs in the order of `given`. Their shapes are (..., 7) for q, qd
+            and qdd; (..., 4) for quaternions; (..., 3, 3) for S1 and S2; (...,) for psi, psid, psidd and
+            hinge_torque; and (..., 3) for all others. The inputs broadcast against each other. The optional argument
+            `out` of a call is a dict whose keys are names of outputs and whose values are arrays, into which the
+            results are written. A call returns a `PairState`. Outputs that are not attributes of a PairState are read
+            like items of a dict, such as `state["gap"]`. The attributes `source` and `llvm` of the object are the
+            generated Python code and the generated LLVM code, as text.
 
         Raises:
-            ArgumentError: a name is unknown, or an output needs an input that is not given; the error names it.
+            ArgumentError: a name is unknown, or an output needs an input or the mass of a body that is not given. The
+                error names what is unknown or missing.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -683,10 +689,10 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute the Residuals of two BodyMotions, which say by how much the motions violate the hinge constraints
-        E1 and E2 and their time derivatives. The residuals are compared with `tolerances`, a dict whose keys are
-        names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples, for
-        the report. For Dask arrays, return LazyResiduals.
+        """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2
+        and the time derivatives of these constraints. The residuals are compared with `tolerances`, a dict whose keys
+        are names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples;
+        the printed Residuals show them. For Dask arrays, return LazyResiduals.
 
         Args:
             body1: the motion of body 1.
@@ -696,25 +702,28 @@ class HingePair(Shown):
             tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
                 gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The size
                 of the gap is the distance between the hinge points of both bodies. The size of the tilt is the angle
-                between their hinge axes, in [0, pi]. Residuals without a key have the default tolerance, which covers
-                rounding errors: 32 u times a scale. u is 2^-53 in double precision, and the report prints the formula
-                of the scale.
-            t: instants of the samples, numbers or datetime64; broadcasts against the samples. The report states the
-                instant of the worst sample of each residual.
+                between the hinge axes of both bodies, in [0, pi]. The size of any other residual is the norm of its
+                array at the sample. Residuals without a key have the default tolerance, which covers rounding errors:
+                32 u times a scale. u is the unit roundoff, 2^-53 in double precision. The printed Residuals show the
+                formula of the scale.
+            t: instants of the samples, numbers or datetime64; broadcasts against the samples. The printed Residuals
+                show the instant of the worst sample of each residual.
 
         Returns:
             The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
-            line of text. `str()` gives a table, `.rows` the rows of the table, and `.to_json()` a JSON text. The
-            residuals at every sample are arrays such as `.gap` (..., 3) [m] and `.tilt_angle` (...,) [rad]. `.psi`
-            (...,) [rad] is the hinge angle. The report leaves out samples that are not finite, and counts them.
+            line of text. `str()` gives a table, and `.to_json()` a JSON text. `.rows` is a tuple with a
+            `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m]
+            and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is the hinge angle. A residual that is not finite at a
+            sample is not compared there, and `.skipped` is the number of such samples.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
-            arrays. Its `.ratio` (...,) is the largest quotient of a residual and its tolerance at each sample. Its
-            `.compute()` returns the `Residuals` in memory. Its `.compute_summary()` returns `Residuals` whose arrays
-            stay Dask arrays, for motions larger than memory.
+            arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance. Its
+            `.compute()` returns the `Residuals` in memory. For motions larger than memory, its `.compute_summary()`
+            returns `Residuals` whose arrays stay Dask arrays.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a tolerance is given for rates that the motions do not have.
+            ArgumentError: an argument cannot be used, or a tolerance is given for a residual that needs velocities or
+                accelerations which the motions do not have.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -846,11 +855,11 @@ class HingePair(Shown):
             psid: time derivative of psi [rad/s]; shape (...,).
 
         Returns:
-            The Sensitivities. Each derivative is an attribute in world axes: d_by_u1, shape (..., 3, 3), is the
-            derivative of d with respect to u1; its element [..., i, j] is the derivative of d[i] with respect to
-            u1[j].
-            Derivatives with respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi
-            has shape (..., 3, 3). The page of `Sensitivities` lists all of them with their units.
+            The Sensitivities. Each derivative is an attribute. The components of d, v2 and omega2 are in world axes,
+            those of u1 and n in body-1 axes, and those of u2 in body-2 axes. For example, d_by_u1 has shape
+            (..., 3, 3). The element [..., i, j] is the derivative of d[i] with respect to u1[j]. Derivatives with
+            respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi has shape
+            (..., 3, 3). The page of `Sensitivities` lists all of them with their units.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -878,8 +887,8 @@ class HingePair(Shown):
         deviations or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0 and no
         covariance is given.
 
-        `hingepair.sample_pairs` draws random pairs with the same tolerances. A comparison with them shows whether the
-        first-order result is accurate enough.
+        `hingepair.sample_pairs` draws random pairs with the same tolerances. A comparison of the poses of these pairs
+        with the covariance shows whether the first-order result is accurate enough.
 
         Args:
             body1: the motion of body 1; only S is used.
@@ -900,8 +909,9 @@ class HingePair(Shown):
             The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
             (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
             of the attitude is the rotation vector, in world axes, from the nominal to the actual attitude of body 2.
-            The method contributions() returns the variances due to each tolerance alone: of each component of u1, u2
-            and home, and of the axis n.
+            The method contributions() returns the variances of the six components of the pose [m^2, rad^2] that each
+            tolerance alone causes, as a dict of arrays (..., 6). The keys are "u1_x" to "u2_z", "axis", and "home_x"
+            to "home_z".
 
         Raises:
             ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all

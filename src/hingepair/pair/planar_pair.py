@@ -56,9 +56,9 @@ class PlanarPair(Shown):
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (2,) or (..., 2).
         u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (2,) or (..., 2).
         name: name of the pair in exports and messages.
-        body1: mass properties and shapes of body 1, a `Body` in three dimensions. Dynamics uses only its mass, its
-            moment of inertia about z, and the x and y coordinates of its centre of mass. Without it, methods that
-            need the mass of body 1 raise an ArgumentError.
+        body1: mass properties and shapes of body 1, a `Body` in three dimensions. Dynamics uses only the mass, the
+            moment of inertia about the z axis through the centre of mass, and the x and y coordinates of the centre
+            of mass. Without `body1`, methods that need the mass of body 1 raise an ArgumentError.
         body2: mass properties and shapes of body 2, as for `body1`.
 
     Raises:

@@ -14,13 +14,13 @@ class PairState(Results):
 
     The attributes R1, S1, v1, omega1, a1 and alpha1 for body 1 are computed only if the argument `outputs` of the
     call names them. A state that a `Prepared` object returns can have further outputs as attributes, such as
-    `jacobian` or `force1`. The leading axes of all arrays are the axes of the samples. Positions [m],
-    velocities [m/s], accelerations [m/s^2], angular velocities [rad/s] and angular accelerations [rad/s^2] have shape
-    (..., 3), and the rotations S1 and S2 (body to world) have shape (..., 3, 3). The type annotations declare every
-    attribute as an array, so that a type checker demands no test for None before `state.R2[-1]`.
+    `jacobian` or `force1`. The leading axes of all arrays are the axes of the samples. Positions [m], velocities
+    [m/s], accelerations [m/s^2], angular velocities [rad/s] and angular accelerations [rad/s^2] have shape (..., 3),
+    and the rotations S1 and S2 (body to world) have shape (..., 3, 3). The type annotations declare every attribute
+    as an array, although an output that was not computed is None.
 
     Attributes:
-        shape: leading shape of the arrays, as a tuple: one number for each axis of the samples; () for one state.
+        shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.
         outputs: names of the outputs that were computed.
     """
 
@@ -120,10 +120,10 @@ class PlanarState(Results):
 
     The leading axes of all arrays are the axes of the samples. R2 and d = R2 - R1 [m], v2 [m/s] and a2 [m/s^2] have
     shape (..., 2), and phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). The type
-    annotations declare every attribute as an array, so that a type checker demands no test for None.
+    annotations declare every attribute as an array, although an output that was not computed is None.
 
     Attributes:
-        shape: leading shape of the arrays, as a tuple: one number for each axis of the samples; () for one state.
+        shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.
         outputs: names of the outputs that were computed.
     """
 
