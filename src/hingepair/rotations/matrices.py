@@ -16,8 +16,8 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
-# By the size of a number in bytes: largest element of S S^T - I at which S is accepted as a rotation. Errors of S of
-# half this size, relative to its length, make such an element.
+# By the size of a number in bytes: largest element of S S^T - I at which S is accepted as a rotation. A relative
+# error of half this size in the length of a row makes such an element.
 MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE = {4: 2e-5, 8: 2e-9}
 
 
