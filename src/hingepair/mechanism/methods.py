@@ -499,9 +499,9 @@ class MechanismMethods(Shown):
         Coriolis, centrifugal and gravity terms. For a fixed base, they are the torques [N m] and forces [N] of the
         joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1 [N]
         and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base, only
-        S and omega of `base_motion` are used. A "fixed" base rests or moves as `base_motion` prescribes; a and alpha
-        of `base_motion` are then used too. `gravity` is the acceleration of free fall, world axes [m/s^2],
-        shape (3,). `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
+        S and omega of `base_motion` are used. For a "fixed" base, S, omega, a and alpha are used. `gravity` is the
+        acceleration of free fall, world axes [m/s^2], shape (3,). `qd` are the time derivatives of q. The other
+        arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -691,8 +691,8 @@ class HingePair(Shown):
     ) -> Residuals:
         """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2
         and the time derivatives of these constraints. The residuals are compared with `tolerances`, a dict whose keys
-        are names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples;
-        the printed Residuals show them. For Dask arrays, return LazyResiduals.
+        are names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples.
+        For Dask arrays, return LazyResiduals.
 
         Args:
             body1: the motion of body 1.
