@@ -144,9 +144,9 @@ def _apply_by_name(x: Component, function_name: str) -> Component:
     return array_libraries.apply_function(function_name, x) if method is None else method()
 
 
-def _map_components(group: Any, change: Callable[[Component], Component]) -> Any:
-    """Return the results of the function `change` for each component of a tuple, or for the only component."""
-    return tuple(map(change, group)) if isinstance(group, tuple) else change(group)
+def _map_components(group: Any, function: Callable[[Component], Component]) -> Any:
+    """Return the results of a function for each component of a tuple, or for the only component."""
+    return tuple(map(function, group)) if isinstance(group, tuple) else function(group)
 
 
 def _holds_array(group: Any) -> bool:

@@ -150,11 +150,11 @@ class Bounded:
         return other if isinstance(other, Bounded) else cls(other)
 
     @classmethod
-    def _rounding_error(cls, value: Component, carried: Component) -> Component:
+    def _rounding_error(cls, value: Component, carried_bound: Component) -> Component:
         """Return the largest rounding error of a result, half a unit in its last place; `value` is the computed
-        result and `carried` its error bound. The error is infinite where the result may overflow.
+        result and `carried_bound` its error bound. The error is infinite where the result may overflow.
         """
-        size = np.abs(value) + 2 * carried
+        size = np.abs(value) + 2 * carried_bound
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod

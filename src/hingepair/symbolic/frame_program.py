@@ -46,7 +46,7 @@ _ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
 
-class _Lever(NamedTuple):
+class _GroupLever(NamedTuple):
     """Vector that is fixed in a body of a group of parallel joints: `vector`, its components at angle 0, and `angle`,
     by which the group rotates it.
     """
@@ -55,7 +55,7 @@ class _Lever(NamedTuple):
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
-class _HingePart(NamedTuple):
+class _GroupHinge(NamedTuple):
     """Hinge in a group of parallel joints: `column`, the index of its coordinate in q, and `ratio`, its rate about
     the group's axis divided by the rate of this coordinate.
     """
@@ -64,7 +64,7 @@ class _HingePart(NamedTuple):
     ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
-class _SliderPart(NamedTuple):
+class _GroupSlider(NamedTuple):
     """Slider in a group of parallel joints: `angle`, by which the group rotates it, `direction`, its unit vector at
     angle 0, `shift`, its position along it, `column`, the index of its coordinate in q, and `ratio`, its rate divided
     by the rate of this coordinate.
@@ -79,7 +79,7 @@ class _SliderPart(NamedTuple):
 
 class _ParallelJoints:
     """Group of consecutive joints with parallel axes, and of sliders between them, to which joints are appended. Its
-    levers, hinges and sliders are the list `parts`; its vectors are in the axes of the first joint's parent.
+    levers, hinges and sliders are the list `members`; its vectors are in the axes of the first joint's parent.
 
     The first group has no axis: it holds the levers and sliders before the first hinge.
     """
@@ -91,7 +91,7 @@ class _ParallelJoints:
         )
         self.angle: Expr = sympy.S.Zero
         self.fixed = np.eye(3)  # rotation from the axes of the last body at angle 0
-        self.parts: list[_Lever | _HingePart | _SliderPart] = []
+        self.members: list[_GroupLever | _GroupHinge | _GroupSlider] = []
 
     def sign(self, axis: Float64Array) -> int:
         """Return 1 if an axis, in the axes of the last body, has the direction of the group's axis, -1 if it has
@@ -109,12 +109,12 @@ class _ParallelJoints:
         return _vector(eq.rotate(self.fixed_rotation(), tuple(vector)))
 
     def append_lever(self, point: Sequence[Expr]) -> None:
-        """Append a vector that is fixed in the last body, such as the vector to a joint's point, to the parts of the
-        group.
+        """Append a vector that is fixed in the last body, such as the vector to a joint's point, to the members of
+        the group.
         """
         vector = self.to_group_axes(point)
         turns = any(eq.cross(self.axis, vector))
-        self.parts.append(_Lever(self.angle if turns else sympy.S.Zero, vector))
+        self.members.append(_GroupLever(self.angle if turns else sympy.S.Zero, vector))
 
     def fixed_rotation(self) -> MatrixExpr:
         """Return the rotation from the axes of the last body to those of the group at angle 0, as nine exact
@@ -196,16 +196,16 @@ class FrameProgram:
             if joint.kind == "slider":
                 group.append_rotation(joint.S)
                 direction = group.to_group_axes([exact_entry(part) for part in joint.n.tolist()])
-                group.parts.append(_SliderPart(group.angle, direction, position, column, exact(ratio)))
+                group.members.append(_GroupSlider(group.angle, direction, position, column, exact(ratio)))
                 continue
             axis = joint.S @ joint.n
             if sign := group.sign(axis):
                 group.angle += sign * position
-                group.parts.append(_HingePart(column, sign * exact(ratio)))
+                group.members.append(_GroupHinge(column, sign * exact(ratio)))
             else:
                 group = _ParallelJoints(axis)
                 group.angle = position
-                group.parts.append(_HingePart(column, exact(ratio)))
+                group.members.append(_GroupHinge(column, exact(ratio)))
                 groups.append(group)
             group.append_rotation(joint.S)
         return groups
@@ -262,9 +262,9 @@ class FrameProgram:
             self._trig_symbols[angle] = s, c
         return self._trig_symbols[angle]
 
-    def _name_sums(self, parts: Sequence[Expr]) -> tuple[Expr, ...]:
+    def _name_sums(self, components: Sequence[Expr]) -> tuple[Expr, ...]:
         """Return components in which each sum is replaced by a symbol. Define new symbols in `definitions`."""
-        return tuple(self._name_sum(sympy.sympify(expr)) for expr in parts)
+        return tuple(self._name_sum(sympy.sympify(expr)) for expr in components)
 
     def _name_sum(self, expr: Expr) -> Expr:
         """Return a symbol, with a sign, in place of an expression that is a sum; return any other expression
@@ -307,11 +307,11 @@ class FrameProgram:
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
         v, omega = _ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR
         for group, P, P_rotated in reversed(list(zip(groups, attitudes, rotated_attitudes, strict=False))):
-            parts = group.parts
+            parts = group.members
             lever = group.to_group_axes(lever)
             last = parts[-1]
             if (
-                isinstance(last, _Lever) and last.angle == group.angle
+                isinstance(last, _GroupLever) and last.angle == group.angle
             ):  # both rotate together, so that constants add up
                 lever, parts = self._named_vector(eq.add(last.vector, lever)), parts[:-1]
             unrotated_lever = lever
@@ -320,20 +320,20 @@ class FrameProgram:
             spin: Expr = sympy.S.Zero  # rate about the group's axis
             for part in reversed(parts):
                 match part:
-                    case _Lever():
+                    case _GroupLever():
                         rotated_lever = eq.rotate(self._rotation(group.axis, part.angle), part.vector)
                         lever = self._named_vector(eq.add(rotated_lever, lever))
                         continue
-                    case _SliderPart():
+                    case _GroupSlider():
                         direction = _vector(eq.rotate(self._rotation(group.axis, part.angle), part.direction))
                         lever = self._named_vector(eq.add(eq.scale(direction, part.shift), lever))
                         linear, angular = direction, _ZERO_VECTOR_EXPR
-                    case _HingePart():
+                    case _GroupHinge():
                         linear, angular = _vector(eq.cross(group.axis, lever)), group.axis
                         spin += part.ratio * self.qd[part.column]
                 rate = part.ratio * self.qd[part.column]
                 moves = _vector(eq.rotate(P, linear))
-                if len(parts) == 1 and isinstance(part, _HingePart):  # m x Sh l = Sh (m x l): take the shorter form
+                if len(parts) == 1 and isinstance(part, _GroupHinge):  # m x Sh l = Sh (m x l): take the shorter form
                     moves = min(
                         moves,
                         _vector(eq.rotate(P_rotated, eq.cross(group.axis, unrotated_lever))),
@@ -356,11 +356,11 @@ class FrameProgram:
         named = {"R": lever, "jacobian": jacobian, "v": v, "omega": omega}
         return {name: self._name_sums(parts) for name, parts in named.items()}
 
-    def _named_vector(self, parts: Sequence[Expr]) -> VectorExpr:
+    def _named_vector(self, components: Sequence[Expr]) -> VectorExpr:
         """Return a vector in which each component that is a sum is replaced by a symbol. Define new symbols in
         `definitions`.
         """
-        return _vector(self._name_sums(parts))
+        return _vector(self._name_sums(components))
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
@@ -374,12 +374,12 @@ def _joint_path(tree: Tree, body: int) -> list[int]:
     return numbers[::-1]
 
 
-def _vector(parts: Sequence[Expr]) -> VectorExpr:
+def _vector(components: Sequence[Expr]) -> VectorExpr:
     """Return three components as a tuple of SymPy expressions."""
-    x, y, z = map(sympy.sympify, parts)
+    x, y, z = map(sympy.sympify, components)
     return x, y, z
 
 
-def _count_all_symbols(parts: VectorExpr) -> int:
+def _count_all_symbols(components: VectorExpr) -> int:
     """Return the number of symbols in the components of a vector, counted with repetition."""
-    return sum(map(count_symbols, parts))
+    return sum(map(count_symbols, components))
