@@ -33,44 +33,51 @@ class ArgumentError(HingePairError, ValueError):
 
 
 class AxisError(ArgumentError):
-    """An axis, such as a hinge axis, is zero or not finite. The error has the attributes of `ArgumentError`."""
+    """An axis, such as a hinge axis, is zero or not finite. The attributes `name`, `expected` and `got` are those of
+    `ArgumentError`.
+    """
 
 
 class RotationError(ArgumentError):
-    """A matrix or quaternion does not describe a rotation. The error has the attributes of `ArgumentError`."""
+    """A matrix or quaternion does not describe a rotation. The attributes `name`, `expected` and `got` are those of
+    `ArgumentError`.
+    """
 
 
 class ShapeError(ArgumentError):
-    """An array has a wrong shape. The error has the attributes of `ArgumentError`: `expected` says which shape is
-    accepted, and `got` says which shape the array has.
+    """An array has a wrong shape. The attributes `name`, `expected` and `got` are those of `ArgumentError`:
+    `expected` says which shape is accepted, and `got` says which shape the array has.
     """
 
 
 class DtypeError(ArgumentError, TypeError):
-    """An array has a dtype that is not supported. The error has the attributes of `ArgumentError`."""
+    """An array has a dtype that is not supported. The attributes `name`, `expected` and `got` are those of
+    `ArgumentError`.
+    """
 
 
 class GimbalLockError(ArgumentError):
-    """The rates of Euler angles do not exist at an attitude, or cannot be integrated near it (E4). The error has the
-    attributes of `ArgumentError`.
+    """The rates of Euler angles do not exist at an attitude, or cannot be integrated near it (E4). The
+    attributes `name`, `expected` and `got` are those of `ArgumentError`.
     """
 
 
 class FitError(ArgumentError):
     """Recorded data do not determine the quantities to be fitted, such as a hinge, or the attitude of a body with
-    markers. The error has the attributes of `ArgumentError`; `name` is the name of the argument with these data.
+    markers. The attributes `name`, `expected` and `got` are those of `ArgumentError`; `name` is the name of the
+    argument with these data.
     """
 
 
 class SceneError(ArgumentError):
-    """A file cannot be read as a scene. The error has the attributes of `ArgumentError`; `name` names the place in
-    the file, in the form `file: table.key`.
+    """A file cannot be read as a scene. The attributes `name`, `expected` and `got` are those of `ArgumentError`;
+    `name` is the place in the file, in the form `file: table.key`.
     """
 
 
 class URDFError(ArgumentError):
-    """A text is not valid URDF, or it has no joint or link of the given name. The error has the attributes of
-    `ArgumentError`.
+    """A text is not valid URDF, or it has no joint or link of the given name. The attributes `name`,
+    `expected` and `got` are those of `ArgumentError`.
     """
 
 

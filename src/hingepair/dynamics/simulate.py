@@ -54,7 +54,7 @@ class SimulationError(HingePairError, RuntimeError):
 
     Attributes:
         t: instant that the simulation reached [s].
-        why: text that gives the reason, such as a load that jumps, and what to do.
+        why: text that gives the reason, such as a load that jumps, and says what to do.
     """
 
     def __init__(self, t: float, why: str) -> None:

@@ -102,13 +102,13 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def described(self) -> str:
-        """Short description that names the integration method, for titles of plots; a str."""
+        """Text that names the integration method, such as "motion by magnus6"."""
         return f"motion by {self.method}"
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Leading shape of the arrays of a trajectory that holds many motions, as a tuple; () for one motion. The
-        shape of psi is `motions + (N,)`.
+        """Leading shape of the arrays of a trajectory that holds many motions, as a tuple; () for one motion. For N
+        instants, the shape of psi is `motions + (N,)`.
         """
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
@@ -150,8 +150,10 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of one motion as a dict whose keys are their names. The first axis of every array is the
-        axis of the instants. The dict holds the outputs of the state, psi and, for body 1, R1 and S1 (for a
-        PlanarTrajectory, phi instead). Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
+        axis of the instants. Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
+
+        The dict holds the outputs of the state and psi. For a Trajectory, it also holds R1 and S1; for a
+        PlanarTrajectory, it also holds phi. The instants t are not in the dict.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -180,39 +182,45 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def error_estimate(self) -> Any:
-        """Estimated error of the attitude of body 1 (for a planar pair, of its angle phi) at the worst instant [rad].
-        It includes rounding errors and is computed at the first access.
+        """Estimate of the largest error of the attitude of body 1 at any instant, as an angle [rad]. In a
+        PlanarTrajectory, the attitude of body 1 is the angle phi. The estimate includes rounding errors. It is
+        computed at the first access.
 
         For one motion the estimate is a number. For many motions it is an array of shape (...,). For a trajectory of
-        Dask arrays it is a lazy array, whose tasks integrate the motions again. `psi_error_estimate` is the estimated
-        error of psi.
+        Dask arrays it is a lazy array, whose tasks integrate the motions again. `psi_error_estimate` is the estimate
+        for psi.
 
-        If the rates are smooth and rounding errors are small, the estimate is within a few per cent of the error. If
-        a callable has a jump or a kink within a step, the estimate is between a third of the error and ten times the
-        error.
+        The rates are the arguments omega1 and psid of `integrate`, which are constants, callables or samples. If the
+        rates are smooth and rounding errors are small, the estimate differs from the actual error by a few per cent.
+        If a callable has a jump or a kink within an integration step, the estimate is between a third of the actual
+        error and ten times the actual error.
 
-        If rates are callables, the result of each step is compared with the result of steps of half its length or
-        less. The estimate also allows for jumps and kinks between the times at which the callables were evaluated, if
-        the values at these times do not rule them out. If there are more than 65,536 steps, only some are compared:
-        the steps over which values change most abruptly, and one step from each of many short parts of the total
-        time. In any case, a feature narrower than about 1/500 of the total time may be missed.
+        If rates are callables, the result of each integration step is compared with the result of steps of half its
+        length or less. The estimate also allows for jumps and kinks between the times at which the callables were
+        evaluated, unless the values at these times rule them out. If there are more than 65,536 integration steps,
+        only some are compared: the steps over which values change most abruptly, and one step from each of many short
+        parts of the total time. A feature narrower than about 1/500 of the total time may be missed in any case.
 
-        If rates are samples, the estimate covers the error of interpolation: gaps, motion that the samples hardly
-        resolve, and jumps and kinks, which may be anywhere between two samples. It also covers the rounding of time
-        stamps to double precision, single precision or decimals, if the samples show this rounding. The estimate is
-        NaN for fewer than 4 samples.
+        If rates are samples, the estimate includes the error of interpolation, which is due to gaps, to motion that
+        the samples hardly resolve, and to jumps and kinks anywhere between two samples. It also includes the error
+        that is due to rounded time stamps (rounded to double precision, single precision or decimals), if the samples
+        show this rounding. The estimate is NaN for fewer than 4 samples.
 
-        The estimate does not cover noise in the arguments. Nor does it cover motion that leaves no trace in the
-        samples, because it happens in a gap or has fewer than two samples per period. Nor does it cover the rounding
-        of time stamps if the rounding error changes so slowly from sample to sample that the samples do not show it.
+        The estimate does not include errors that have one of these causes:
+
+        - noise in the arguments of `integrate`;
+        - motion that leaves no trace in the samples, because it happens in a gap or has fewer than two samples per
+          period;
+        - rounded time stamps whose rounding error changes so slowly from sample to sample that the samples do not
+          show it.
         """
         return self._error() if isinstance(self._error, LazyValue | LazyValues) else self._error
 
     @property
     def psi_error_estimate(self) -> Any:
-        """Estimated error of the hinge angle psi at the worst instant [rad], computed by the method of
-        `error_estimate`. It is a number for one motion and an array of shape (...,) for many motions. For a
-        trajectory of Dask arrays, it is a lazy array.
+        """Estimate of the largest error of the hinge angle psi at any instant [rad]. It is a number for one motion
+        and an array of shape (...,) for many motions. For a trajectory of Dask arrays, it is a lazy array.
+        `error_estimate` describes which errors the estimate includes.
         """
         return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
 
@@ -240,13 +248,14 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_TrajectoryBase):
-    """The motion of a pair over time, as `integrate` returns it (E12). It also has every attribute of its state: R2,
-    S2, v2 and so on.
+    """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
+    and v2, are also attributes of the trajectory.
 
     A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
     ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
-    trajectory of one motion, `trajectory[:10]` is the trajectory of the first ten, and `to_xarray` returns all
-    motions as labelled arrays. Only a single motion can be saved, plotted or converted to a table.
+    trajectory of the motion with index 3, `trajectory[:10]` is the trajectory of the first ten motions, and
+    `to_xarray` returns all motions as labelled arrays. Only a single motion can be saved, plotted or converted to a
+    table.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -256,7 +265,8 @@ class Trajectory(_TrajectoryBase):
         state: the PairState at the instants.
         pair: the HingePair.
         method: name of the integration method, such as "magnus6".
-        steps: number of steps; for many motions an array of shape (...,). It is 0 for `dop853`.
+        steps: number of integration steps; for many motions an array of shape (...,). The steps of the method
+            `dop853` are not counted: for this method, the value is 0.
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -271,8 +281,8 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). They are computed from the
-        quaternions if S1 is not among the outputs.
+        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). They are computed from
+        `quat_wxyz`, unless the argument `outputs` of `integrate` names S1.
         """
         S1 = self.state.S1
         if S1 is not None:
@@ -283,8 +293,8 @@ class Trajectory(_TrajectoryBase):
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
         """Return the Euler angles of body 1 or 2 [rad], shape (..., N, 3). They are continuous in time, also through
-        gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2 and S2 is not among the
-        outputs.
+        gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2 and S2 was not
+        computed.
 
         Two triples of angles describe every attitude, and whole turns may be added to each angle. At the first
         instant, the method returns the triple of `matrix_to_euler`; at each later instant, it returns the triple
@@ -292,7 +302,8 @@ class Trajectory(_TrajectoryBase):
         instant.
 
         Args:
-            body: 1 or 2. For body 2, S2 must be among the outputs.
+            body: 1 or 2. For body 2, `integrate` must have computed S2, as it does unless its argument `outputs`
+                leaves out S2.
             sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
                 the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
@@ -314,12 +325,12 @@ class Trajectory(_TrajectoryBase):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlanarTrajectory(_TrajectoryBase):
-    """The motion of a planar pair over time, as `integrate` returns it (E11, E12). It also has every attribute of its
-    state: R2, phi2, v2 and so on.
+    """The motion of a planar pair over time, as `integrate` returns it (E11, E12). All attributes of its `state`,
+    such as R2, phi2 and v2, are also attributes of the trajectory.
 
     A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
     ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
-    trajectory of one motion.
+    trajectory of the motion with index 3.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -327,7 +338,7 @@ class PlanarTrajectory(_TrajectoryBase):
         psi: hinge angle [rad]; shape (..., N).
         state: the PlanarState at the instants.
         method: name of the integration method, such as "magnus6".
-        steps: number of steps; for many motions an array of shape (...,).
+        steps: number of integration steps; for many motions an array of shape (...,).
     """
 
     phi: NDArray[np.float64]

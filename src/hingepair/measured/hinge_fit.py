@@ -342,39 +342,40 @@ def fit(
             component of n is below 0.65 in magnitude.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
             "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole.
-            With such a loss, the first estimate is the hinge with which most samples agree, and samples that deviate
-            by more than thirty standard deviations are ignored. With "cauchy" and "arctan", outliers have the least
-            influence.
+            With such a loss, the first estimate is the hinge with which most samples agree, and samples whose
+            residual exceeds thirty standard deviations of the noise are ignored. With "cauchy" and "arctan", outliers
+            have the least influence.
         gauge: "closest_to_R1" (the default): the hinge point is the point on the axis closest to R1, and u1 is
-            perpendicular to n. "closest_to_R2": it is the point on the axis closest to R2, and u2 is perpendicular to
-            the axis.
-        t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If given,
-            the offset between the clocks of the two recordings is estimated too; it is 0 if the motion does not
-            determine it. The estimate needs SciPy.
+            perpendicular to n. "closest_to_R2": the hinge point is the point on the axis closest to R2, and u2 is
+            perpendicular to the axis.
+        t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If t is
+            given and clock_offset is not, the offset between the clocks of the two recordings is estimated. If the
+            motion does not determine the offset, 0 is used. The estimate needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
         clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
-            time stamp s was taken at the instant s + clock_offset of body 1's clock. It is 0 if both recordings use
-            the same clock. If it is given, it is not estimated. It needs `t`.
+            time stamp s was taken at the instant s + clock_offset of body 1's clock. Give 0 if both recordings use
+            the same clock; `t` must be given too. With None (the default), the offset is estimated if `t` is given;
+            without `t`, the clocks are assumed to be the same.
         encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
             reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
             scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
             Readings cannot be used if body 2 is a point.
-        noise1: tuple of two standard deviations for body 1, of the noise in one component of the position [m] and of
-            the attitude [rad]. Each is a number or an array (N,). With `smoothed = smooth(t, body1)`, the tuple is
-            (smoothed.noise["R"], smoothed.noise["S"]). A factor that is common to all these standard deviations is
-            still estimated from the data.
+        noise1: tuple of two standard deviations for body 1: of the noise in each coordinate of the position [m], and
+            of the noise in each component of the rotation vector of the attitude error [rad]. Each is a number or an
+            array (N,). With `smoothed = smooth(t, body1)`, the tuple is (smoothed.noise["R"], smoothed.noise["S"]). A
+            factor that is common to all these standard deviations is still estimated from the data.
         noise2: tuple of two standard deviations for body 2, as noise1. Give both noise1 and noise2 or neither; give
             neither if body 2 is a point.
 
     Returns:
-        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi`. Check `.ok` and `.findings` before you
-        use its numbers.
+        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi` [rad], shape (N,). Check `.ok` and
+        `.findings` before you use the numbers of the HingeFit.
 
     Raises:
         FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer
             than four if body 2 is a point), or the bodies do not turn relative to each other.
         ArgumentError: an argument cannot be used; the error names it.
-        MissingDependencyError: `t` is given, `clock_offset` is not 0, and SciPy is not installed.
+        MissingDependencyError: SciPy is not installed, `t` is given, and `clock_offset` is not 0.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -265,8 +265,9 @@ def fit_anchor(
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
-        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). It is S1^T
-            (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world axes.
+        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). The specific
+            force is S1^T (a - g), where a is the acceleration of the sensor and g = (0, 0, -9.81) is the acceleration
+            of free fall, both in world axes.
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). Give both n1 and n2 or neither. If they
@@ -278,11 +279,12 @@ def fit_anchor(
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s]; 0
             if the biases were subtracted from the data, for example the biases that `fit_axis` estimates.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
-            [m/s^2].
+            [m/s^2]; 0 if the biases were subtracted from the data.
 
     Returns:
-        The fit. Its `u1` is the vector from sensor 1 to the hinge point in body 1's axes [m], and its `u2` is the
-        vector from sensor 2 to the hinge point in body 2's axes [m].
+        The AnchorFit. `.u1` is the vector from sensor 1 to the hinge point in body 1's axes [m], and `.u2` is the
+        vector from sensor 2 to the hinge point in body 2's axes [m]. Check `.ok` and `.findings` before you use the
+        numbers of the AnchorFit.
 
     Raises:
         FitError: there are fewer than 8 consecutive samples without a gap, or neither body turns.

@@ -58,8 +58,9 @@ class SmoothedMotion(BodyMotion):
             ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the errors of
             the derivatives are ten to twenty times larger.
         std: dict with the same keys, whose values are arrays (N, 3): the standard deviation of each component of the
-            smoothed quantity at every sample, including the effect of ends and gaps. For "S", the components are the
-            three components of a small rotation vector [rad].
+            smoothed quantity at every sample, in the units of `noise`, including the effect of ends and gaps. The
+            three components have equal values, so that these hold for any axes. For "S", they are the components of a
+            small rotation vector [rad]. Values in gaps are NaN.
         bandwidth: dict with the keys "R" and "S", whose values are the frequencies at which smoothing halves the
             amplitude [Hz].
         correlation: dict with the keys "R" and "S", whose values are estimated correlation coefficients between the
@@ -109,7 +110,7 @@ class SmoothedAngle(Frozen):
             [rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, these errors are ten to twenty times
             larger.
         std: dict with the same keys, whose values are arrays (N,): the standard deviation of the smoothed psi, psid
-            or psidd at every sample [rad, rad/s, rad/s^2], including the effect of ends and gaps.
+            or psidd at every sample [rad, rad/s, rad/s^2], including the effect of ends and gaps; NaN in gaps.
         bandwidth: frequency at which smoothing halves the amplitude [Hz].
         correlation: estimated correlation coefficient between the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).

@@ -23,10 +23,10 @@ _SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body
 class Slider(Frozen, Shown):
     """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
     coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the limits
-    of q, and the largest magnitudes of the force (`torque_limit`) and of the rate.
+    of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
 
-    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. It takes the same arguments as a `HingePair` and
-    stores them as attributes of the same names; the arrays are copied and read-only.
+    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. The arguments have the same names as the arguments
+    of a `HingePair`. They are stored as attributes of these names; the arrays are copied and read-only.
 
     Args:
         u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1
@@ -39,8 +39,8 @@ class Slider(Frozen, Shown):
         limits: lower and upper limit of q [m]; shape (2,); None (default) for no limits.
         body1: mass properties and shapes of body 1, a `Body`; None (default) if they are unknown.
         body2: mass properties and shapes of body 2, a `Body`; None (default) if they are unknown.
-        torque_limit: largest magnitude of the force of the slider's motor [N], which URDF calls effort; None
-            (default) for no limit.
+        torque_limit: largest magnitude of the force of the slider's motor [N]; None (default) for no limit. URDF
+            calls this limit effort.
         rate_limit: largest magnitude of the rate q' [m/s]; None (default) for no limit.
 
     Raises:

@@ -37,8 +37,8 @@ def warn_of_dynamics(message: str) -> None:
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
     """A solid box, one of the shapes of a body, given by the lengths of its edges (`size`), its `center` and the
-    directions of its edges (`axes`). Viewers draw the shapes of a body. If the body's inertia is not given, it is
-    computed from the shapes.
+    directions of its edges (`axes`). Viewers draw the shapes of a body. If no inertia is given for a body, its
+    inertia is computed from its shapes.
 
     Args:
         size: lengths of the three edges [m], each above zero; shape (3,).
@@ -79,7 +79,7 @@ class Box(Frozen):
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
     """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. Viewers
-    draw the shapes of a body. If the body's inertia is not given, it is computed from the shapes.
+    draw the shapes of a body. If no inertia is given for a body, its inertia is computed from its shapes.
 
     Args:
         radius: radius of the cylinder, above zero [m].
@@ -122,7 +122,7 @@ class Cylinder(Frozen):
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
     """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. Viewers draw the shapes of a
-    body. If the body's inertia is not given, it is computed from the shapes.
+    body. If no inertia is given for a body, its inertia is computed from its shapes.
 
     Args:
         radius: radius of the sphere, above zero [m].
@@ -130,7 +130,8 @@ class Sphere(Frozen):
             default, the centre is the reference point.
 
     Raises:
-        ArgumentError: a value is not finite, not positive or of the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or the radius is not above zero; the error names
+            the argument.
 
     >>> import hingepair as hp
     >>> hp.Sphere(radius=0.5)

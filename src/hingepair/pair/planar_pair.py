@@ -139,13 +139,15 @@ class PlanarPair(Shown):
                 angle. Either one array of shape (..., 4), or a tuple of four numbers or arrays that broadcast.
             qd: time derivatives of q [m/s, rad/s]: an array (..., 4) or a tuple of four, like q.
             qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 4) or a tuple of four, like q.
-            outputs: names of the outputs to compute: R2, d, v2 and a2 have shape (..., 2), and phi2 (the angle of
-                body 2), omega2 and alpha2 have shape (...,). By default, all outputs that the inputs allow.
-            out: dict of arrays into which the results are written; its keys are the names of outputs. Each array must
-                have the shape of its output and the dtype of the results: float32 if all input arrays are float32,
-                otherwise float64.
+            outputs: names of the outputs to compute, out of R2 [m], d [m], v2 [m/s] and a2 [m/s^2], shape (..., 2),
+                and phi2 (the angle of body 2) [rad], omega2 [rad/s] and alpha2 [rad/s^2], shape (...,). By default,
+                all outputs that the inputs allow.
+            out: dict whose keys are names of computed outputs and whose values are arrays, into which the results are
+                written. Each array must have the shape of its output and the dtype of the results: float32 if all
+                input arrays are float32, otherwise float64.
             workers: number of threads, 1 by default; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
+            backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles. "auto"
+                (the default) compiles if the number of samples makes it worthwhile.
 
         Returns:
             The PlanarState. Outputs that are not computed, such as v2 without qd, are None.
@@ -180,17 +182,19 @@ class PlanarPair(Shown):
         whose keys are the names of the outputs and whose values are arrays (...,) of bounds. The bound at a sample
         holds for each component of the output.
 
-        `HingePair.error_bounds` says under which conditions the bounds are rigorous.
+        The inputs, u1 and u2 are taken as exact. The bounds are rigorous for the backends "numpy" and "compiled" if
+        sines and cosines are accurate to 1.5 units in the last place.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            outputs: names of the outputs, as for `forward_kinematics`.
+            outputs: names of the outputs, as for `forward_kinematics`. By default, all outputs that the inputs allow.
 
         Returns:
             A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if a number overflows, or if an input is NaN or infinite.
+            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an
+            input is NaN or infinite.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -202,11 +206,12 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """Return this pair as a HingePair with n = (0, 0, 1), whose plane of motion is z = 0. The HingePair has the
-        same body1 and body2 as this pair, unchanged.
+        """Return this pair as a HingePair with n = (0, 0, 1). The third component of its u1 and u2 is 0, and its
+        body1 and body2 are those of this pair, unchanged.
 
-        The default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81).
-        For the gravity of the planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
+        The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. The
+        default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81). For
+        the gravity of the planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -216,9 +221,10 @@ class PlanarPair(Shown):
 
     def massive(self) -> HingePair:
         """Return a HingePair with the same dynamics as this planar pair. The centres of mass of its bodies are moved
-        to z = 0, and all three principal moments of inertia of a body are set to the moment of inertia of the body
-        about z. The HingePair is cached, and later calls return the same object.
+        to z = 0. All three principal moments of inertia of a body are set to its moment of inertia about the axis
+        parallel to z through its centre of mass. The HingePair is cached, and later calls return the same object.
 
+        For the default gravity of a planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
         Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
         torque about axes in the plane. The HingePair of `to_spatial` retains products of inertia, and centres of mass
         that are not in the plane; both can cause such torques.
@@ -287,9 +293,10 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The Forces. Its attributes force1 [N], shape (..., 2), and torque1 [N m], shape (...,), are the force at
-            R1 and the torque that must act on body 1. Its attribute hinge_torque [N m], shape (...,), is the torque
-            that body 1 must exert on body 2 about the pin.
+            The Forces, with the attributes force1, torque1 and hinge_torque. force1, world axes [N], shape (..., 2),
+            is the force that must act on body 1 at R1. torque1 [N m], shape (...,), is the torque about R1 that
+            must act on body 1. hinge_torque [N m], shape (...,), is the torque that body 1 must exert on body 2
+            about the pin.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -328,9 +335,9 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The HingeWrench. Its attributes are force [N], shape (..., 2), and torque [N m], about the pin, shape
-            (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque is 0; both have
-            shape (...,).
+            The HingeWrench, with the attributes force, world axes [N], shape (..., 2), and torque, about the pin
+            [N m], shape (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque is 0;
+            both have shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -370,10 +377,10 @@ class PlanarPair(Shown):
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             force1: force on body 1 at R1, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque1: torque on body 1 about the z axis [N m]; shape (...,); 0 by default.
+            torque1: torque on body 1 about R1 [N m]; shape (...,); 0 by default.
             hinge_torque: torque that body 1 exerts on body 2 about the pin [N m]; shape (...,); 0 by default.
             force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque2: torque on body 2 about the z axis [N m]; shape (...,); 0 by default.
+            torque2: torque on body 2 about R2 [N m]; shape (...,); 0 by default.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
@@ -381,7 +388,8 @@ class PlanarPair(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
-                is singular, for instance because the inertia of body 2 about the hinge is negligible.
+                is singular. The mass matrix is singular, for instance, if the inertia of body 2 about the hinge is
+                negligible.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))

@@ -53,7 +53,9 @@ class Result(Shown):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the result was computed from, as a tuple. `save` refuses to overwrite them."""
+        """Paths of the files that the result was computed from, a tuple of `pathlib.Path`; () if there are none.
+        `save` refuses to overwrite these files.
+        """
         return ()
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -94,15 +96,16 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component of each
-        output.
+        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component of the
+        recorded arrays, such as the position R2 and the hinge angle psi.
 
-        The columns after t are named R2_x, ..., S2_xx, ..., psi for a pair, and R2_x, R2_y, phi2, d_x, ..., psi for a
-        planar pair. `attrs["units"]` of the DataFrame is a dict whose keys are the names of the outputs and whose
-        values are their units.
+        The components of a vector have columns such as R2_x and R2_y, and the elements of a matrix have columns such
+        as S2_xy. An array with one number per instant, such as psi, has one column of its name. `attrs["units"]` of
+        the DataFrame is a dict whose keys are the names of the arrays, such as "R2", and whose values are their
+        units.
 
         Raises:
-            ArgumentError: a trajectory holds many motions or Dask arrays.
+            ArgumentError: the result is a trajectory that holds many motions or Dask arrays.
             MissingDependencyError: pandas is not installed.
         """
         pandas = import_data_package("pandas", "to_dataframe")
@@ -112,11 +115,12 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with a variable for each output. Its variables have the dimension `time`. The
-        attributes `units` and `long_name` of a variable are its unit and its description.
+        """Return an xarray Dataset with a variable for each recorded array, such as the position R2 and the hinge
+        angle psi. Its variables have the dimension `time`. Each variable has its unit as the attribute `units`;
+        outputs such as R2 also have a description as the attribute `long_name`.
 
-        A vector also has the dimension `xyz` (`xy` for a planar pair). A rotation matrix has `xyz` for its rows
-        (world axes) and `body_xyz` for its columns (body axes). A trajectory that holds many motions has the
+        A vector also has the dimension `xyz`, or `xy` if it has two components. A rotation matrix has `xyz` for its
+        rows (world axes) and `body_xyz` for its columns (body axes). A trajectory that holds many motions has the
         dimension `motion` before `time`, or motion_0, motion_1, ... if the motions form an array with several axes.
         Dask arrays stay lazy.
 
@@ -146,19 +150,19 @@ class Result(Shown):
         number.
 
         Args:
-            path: file name. Its ending selects the format: .csv (a line of column names, then one line per instant,
-                with the fewest digits that determine each number), .npz (a NumPy array for t and for each output),
-                .parquet, or .nc (NetCDF).
-            inputs: further files that must not be overwritten. The files that the result was computed from, such as
-                a scene file and its log, are protected in any case.
+            path: file name. Its ending selects the format: .csv (a line of column names as in `to_dataframe`, then
+                one line per instant, with the fewest digits that determine each number), .npz (NumPy arrays with the
+                names t, R2, psi and so on), .parquet, or .nc (NetCDF).
+            inputs: paths of further files that must not be overwritten. The files that the result was computed from,
+                such as a scene file and its log, are protected in any case.
 
         Returns:
             The path of the written file.
 
         Raises:
-            ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, or the file cannot be
-                written; or a trajectory holds many motions or Dask arrays. A file that existed before stays as it
-                was.
+            ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, the file cannot be
+                written, or the result is a trajectory that holds many motions or Dask arrays. A file that existed
+                before stays as it was.
             MissingDependencyError: the package that writes this format is not installed.
         """
         with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:

@@ -17,7 +17,7 @@ class PairState(Results):
     `jacobian` or `force1`. The leading axes of all arrays are the axes of the samples. Positions [m], velocities
     [m/s], accelerations [m/s^2], angular velocities [rad/s] and angular accelerations [rad/s^2] have shape (..., 3),
     and the rotations S1 and S2 (body to world) have shape (..., 3, 3). The type annotations declare every attribute
-    as an array, although an output that was not computed is None.
+    as an array, although an output that was not computed is None. Only hingepair calls the constructor.
 
     Attributes:
         shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.
@@ -120,7 +120,8 @@ class PlanarState(Results):
 
     The leading axes of all arrays are the axes of the samples. R2 and d = R2 - R1 [m], v2 [m/s] and a2 [m/s^2] have
     shape (..., 2), and phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). The type
-    annotations declare every attribute as an array, although an output that was not computed is None.
+    annotations declare every attribute as an array, although an output that was not computed is None. Only hingepair
+    calls the constructor.
 
     Attributes:
         shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.

@@ -93,16 +93,16 @@ def angular_velocity_from_samples(
     `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
     turns by pi or more between two samples that one finite difference uses.
 
-    Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta_k for each neighbour k. At sample i,
-    theta is 0, and therefore omega = theta' and alpha = theta'' exactly. The function differentiates the polynomial
-    of degree `order` through theta at sample i and at order / 2 neighbours on either side. Near the ends, the
-    polynomial is fitted by least squares to the first or the last (`order` + 5) samples, or to all samples if there
-    are fewer. Nearly equal matrices are never subtracted.
+    For each sample i, `S(t) = exp([theta(t)]x) S_i` defines the rotation vector theta(t) in world axes; [theta]x is
+    the cross-product matrix of theta. At sample i, theta is 0, and therefore omega = theta' and alpha = theta''
+    exactly. The function differentiates the polynomial of degree `order` that interpolates theta at sample i and at
+    order / 2 neighbours on either side. Near the ends, a polynomial of degree `order` is fitted by least squares to
+    theta at the first or the last (`order` + 5) samples, or at all samples if there are fewer.
 
     A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
-    of the attitudes is white, that each component of its rotation vector has the standard deviation sigma [rad], and
-    that the time step is h [s]. Then the standard deviation of every component of omega is c sigma / h [rad/s], with
-    c from this table:
+    of the attitudes is white, that the rotation vector of the noise has the standard deviation sigma [rad] in each
+    component, and that the time step is h [s]. Then the standard deviation of every component of omega is
+    c sigma / h [rad/s], with c from this table:
 
         order    in the middle    first and last sample
         2        0.71             0.68

@@ -39,8 +39,8 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
-    "XYZ" (E10), with an error of at most 6 u (u = 2^-53) in every component. Angles that are not finite give NaN.
-    Raise ArgumentError for angles of a wrong shape or an unknown sequence.
+    "XYZ" (E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in float32. Angles
+    that are not finite give NaN. Raise ArgumentError for angles of a wrong shape or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -290,8 +290,9 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
     Returns:
-        The `EulerKinematics`, with the attributes J, J_inverse (NaN at gimbal lock) and J_dot (None without phid),
-        each of shape (..., 3, 3), and condition and lock_distance [rad], each of shape (...,).
+        The `EulerKinematics`, with the attributes J, J_inverse and J_dot, each of shape (..., 3, 3), and condition
+        and lock_distance [rad], each of shape (...,). J_inverse is NaN at gimbal lock, as `euler_rates` defines it.
+        J_dot is None without phid.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

@@ -47,26 +47,28 @@ def derive(
     written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal form with 17 digits
     is shorter.
 
-    The base of a robot rests at the origin. For joints with parallel axes, the forms contain sums of angles, such
-    as c_23 = cos(q_2 + q_3). Sums of terms that occur several times are named k_1, k_2 and so on. If a URDF file
-    rounds right angles, such as 1.5708 for pi/2, load the robot with `snap=1e-5`: an angle within this tolerance
+    The base of a robot rests at the origin. For joints with parallel axes, the matrices contain cosines and sines of
+    sums of angles, such as cos(q_2 + q_3). The written forms abbreviate them: c_23 is cos(q_2 + q_3), and s_23 is
+    sin(q_2 + q_3). The written forms also name sums of terms that occur several times: k_1, k_2 and so on. If a URDF
+    file rounds right angles, such as 1.5708 for pi/2, load the robot with `snap=1e-5`: an angle within this tolerance
     [rad] of a multiple of pi/2 is then replaced by that multiple.
 
     Args:
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
-        symbolic: names of constants that stay symbols; none by default. For a pair, "u1", "u2" and "n" are possible
-            (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of the scene's
-            constants are possible too. For a robot, only "u" is possible. It keeps as symbols the positions of the
-            joints (u_3x is the x component for the third joint, in the axes of the body that carries the joint) and
-            the position of the frame (p_x, p_y, p_z), in the axes of the body that carries the frame.
+        symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
+            possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
+            the scene's constants are possible too. For a robot, only "u" is possible. It keeps as symbols the
+            positions of the joints (u_3x is the x component for the third joint, in the axes of the body that carries
+            the joint) and the position of the frame (p_x, p_y, p_z), in the axes of the body that carries the frame.
         frame: name of a link, a joint or another frame of a robot; by default its only link without children. The
             name is required if several links have no children. Only for a robot.
 
     Returns:
-        For a scene or a pair, a Derivation: `.omega1`, `.R2` and so on are SymPy matrices in the symbol `.t`. For a
-        robot, FrameForms: position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and angular velocity `.omega` of
-        the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. Both have `.to_text()`,
-        `.to_latex()` and `.to_python()`, which return the forms as text.
+        For a scene or a pair, a Derivation: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`. For a
+        planar pair, `.phi2`, `.omega2` and `.alpha2` are SymPy expressions. For a robot, FrameForms: position `.R`,
+        rotation `.S`, `.jacobian`, velocity `.v` and angular velocity `.omega` of the frame, in world axes, are SymPy
+        matrices in the symbols `.q` and `.qd`. Both have `.to_text()`, `.to_latex()` and `.to_python()`, which return
+        the forms as text.
 
     Raises:
         ArgumentError: an argument cannot be used, or the derivatives of an expression are too long. The message names
@@ -83,8 +85,11 @@ def derive(
       \omega_{2} &= \dot{\phi} + \dot{\psi}
     \end{align*}
     <BLANKLINE>
-    >>> links = [hp.HingePair(u1=(2 * k, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name=f"joint{k}") for k in (0, 1)]
-    >>> arm = hp.Mechanism(links).with_frame("hand", link="joint1", R=(1, 0, 0))
+
+    In this example, the second link of the robot has the name of its joint, joint1:
+
+    >>> pairs = [hp.HingePair(u1=(2 * k, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name=f"joint{k}") for k in (0, 1)]
+    >>> arm = hp.Mechanism(pairs).with_frame("hand", link="joint1", R=(1, 0, 0))
     >>> hp.derive(arm, frame="hand").R
     Matrix([
     [2*cos(q_1) + cos(q_1 + q_2)],

@@ -85,29 +85,30 @@ def cross_validate(
             angle phi2 in place of S2.
         q: coordinates. For a pair (x, y, z, phi_x, phi_y, phi_z, psi) [m, rad], shape (..., 7) or a tuple of seven
             coordinates; for a planar pair (x, y, phi, psi) [m, rad], shape (..., 4) or a tuple of four. For a robot,
-            the argument q of `Mechanism.forward_kinematics`.
+            an array of shape (..., dof), a table whose columns have the joints' names, or a dict with a number or an
+            array for each joint's name.
         qd: first time derivatives of q, in the same form as q.
         qdd: second time derivatives of q, in the same form as q.
         sequence: Euler sequence of body 1 of a pair; "XYZ" unless given. Not used for planar pairs and robots.
         frames: for a robot, names of the links, joints or other frames whose motion and Jacobians are compared. By
-            default, the motion of all links and the Jacobians of the last link of each branch are compared.
+            default, the motion of all links and the Jacobians of all links without children are compared.
         base_motion: for a robot, BodyMotion of its base; by default the base rests at the origin.
         gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) by default.
 
     Returns:
         For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
         (hingepair.validation.robot_report). Both have `.ok` (True if all outputs agree), `.verdict` (text of one
-        line), `.to_json()` (the report as JSON text), `.skipped` (number of samples that were left out because they
-        are not finite) and `.rows`. `print` shows the report as a table. `.rows` has a row for each output, with
-        these attributes:
+        line), `.to_json()` (the report as JSON text), `.skipped` (number of samples that were left out because an
+        input is not finite) and `.rows`. `print` shows the report as a table. `.rows` is a tuple with a row for each
+        output, with these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;
         - `.max_ratio`: largest ratio of the error to u * scale, where u is the unit roundoff (2^-53 for float64), and
           the scale is the size of the terms that are added to form the output;
         - `.bound`: the largest ratio at which the output counts as agreeing;
-        - `.worst_sample`: index of the sample with the largest ratio; for a robot, `.worst_part` is its link or
-          joint;
+        - `.worst_sample`: index of the sample with the largest ratio, as a tuple;
+        - `.worst_part`: name of the link or joint with the largest ratio, for a robot only;
         - `.samples`: number of compared samples.
 
     Raises:
