@@ -95,21 +95,21 @@ class HingeFit(Shown):
 
     Attributes:
         pair: the hinge, a HingePair.
-        psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. The first angle is in [-pi, pi], and
-            there are no jumps of 2 pi between samples.
+        psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. The first finite angle is in [-pi, pi],
+            and there are no jumps of 2 pi between samples.
         psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad]. A sample is an
             outlier if its residuals are far larger than those of most samples, or if the loss reduces its weight to
             less than a tenth.
         covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
-            (body-2 axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes)
-            [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The matrix has rank
-            9, because conventions fix three things: the length of n, the position of the hinge point along the axis,
-            and the rotation of home about the axis.
+            (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r by which home deviates (body-1 axes)
+            [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The actual home is
+            exp(r) @ home, where exp(r) is the rotation matrix of r. The covariance matrix has rank 9, because
+            conventions fix three things: the length of n, the position of the hinge point along the axis, and the
+            rotation of home about the axis.
         std: dict of standard deviations. The values for the keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad]
-            have shape (3,) and are the square roots of the diagonal of `covariance`; "home" stands for the rotation
-            vector. The values for the keys "noise_position" [m], "noise_angle" [rad] and "clock_offset" [s] are
-            numbers. The two keys of the noise are absent if body 2 is a point, and "clock_offset" is absent if `fit`
-            was called without `t`.
+            have shape (3,) and are the square roots of the diagonal of `covariance`; "home" stands for r. The values
+            for the keys "noise_position" [m], "noise_angle" [rad] and "clock_offset" [s] are numbers. The two keys of
+            the noise are absent if body 2 is a point, and "clock_offset" is absent if `fit` was called without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point.
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
@@ -125,8 +125,8 @@ class HingeFit(Shown):
             is inf.
         encoder: the EncoderFit of the encoder; None if `fit` was called without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
-        findings: sentences that say what the motion does not determine, why it does not agree with a hinge, and what
-            else is notable.
+        findings: sentences that say what the motion does not determine, why the motion does not agree with a hinge,
+            and what else is notable.
         gauge: name of the rule for the position of the hinge point along the axis, as given to `fit`.
         loss: name of the loss function, as given to `fit`.
         weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 at samples that
@@ -138,7 +138,7 @@ class HingeFit(Shown):
             all samples if body 2 is a point.
         samples: number of samples that are used.
         body2: the motion of body 2 at the instants of body 1, a BodyMotion: the argument `body2`, corrected for the
-            clock offset.
+            clock offset. If the offset is not 0, R and S are NaN where no sample of body 2 is near enough in time.
     """
 
     pair: HingePair
@@ -271,9 +271,10 @@ class HingeFit(Shown):
         rms residuals, the noise, the clock offset, the encoder, the range of psi, and the findings. Units are m, rad
         and s. Numbers that are not finite become null.
 
-        The keys u1, u2, n and home are the attributes of `pair`. The keys ok, samples, loss, gauge, std,
-        rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings are attributes of the
-        HingeFit. The key psi is `psi_range`, and missing is the number of samples that were not used.
+        The keys u1, u2, n and home hold the attributes of `pair`. The keys ok, samples, loss, gauge, std,
+        rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings hold the attributes
+        of the HingeFit. The key psi holds `psi_range`, and the key missing holds the number of samples that were not
+        used.
         """
         import json
 

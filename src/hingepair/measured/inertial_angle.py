@@ -41,10 +41,11 @@ class AngleFit:
 
     Attributes:
         psi: hinge angle [rad]; shape (N,). It is NaN where one of the four records is not finite, and in series of
-            fewer than 8 samples between two gaps. The first angle is in [-pi, pi], and there are no jumps of 2 pi
-            between samples. At psi = 0, the attitude of body 2 relative to body 1 is the rotation by the smallest
-            angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1 and n2 are more than 154
-            degrees apart, the page of `fit` states this attitude, which is called `home` there; n is n1.
+            fewer than 8 samples between two gaps (see `fit_angle`). The first finite angle is in [-pi, pi], and there
+            are no jumps of 2 pi between samples. At psi = 0, the attitude of body 2 relative to body 1 is the
+            rotation by the smallest angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1
+            and n2 are more than 154 degrees apart, another rule applies: the rule for `home` on the page of `fit`,
+            where n is n1.
         psid: rate of psi [rad/s]; shape (N,), NaN where psi is NaN. It is the measured rate minus `drift`. The
             measured rate is the component of body 2's angular velocity along n2, minus the component of body 1's
             angular velocity along n1.

@@ -161,9 +161,9 @@ class Body(Frozen):
     Args:
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
             dynamics issue a `DynamicsWarning`.
-        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). If it
-            is not given, the centre of mass of the shapes is used if there are shapes and no inertia is given.
-            Otherwise, the centre of mass is the reference point.
+        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
+            default, it leads to the centre of mass of the shapes if there are shapes and no inertia is given; in all
+            other cases, the default is zero.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
