@@ -271,12 +271,14 @@ class Mechanism(MechanismMethods):
     # ---- extended copies
 
     def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with an additional Body that is fixed to the link, joint or frame
+        """Return a copy of the robot, a Mechanism, with an additional Body that is fixed to the link or other frame
         named `link`. The robot itself is not changed.
 
         Args:
-            link: name of the link, joint or other frame to which the body is fixed. The body's reference point is
-                the origin of this frame, and the body's axes are the axes of this frame.
+            link: name of the link or other frame to which the body is fixed. The name of a joint stands for the link
+                that the joint carries; for a HingePair, this link is body 2 with the origin R2 and the axes S2. The
+                reference point of the additional body is the origin of the link or frame, and the axes of the
+                additional body are the axes of the link or frame.
             body: mass properties and shapes of the body.
 
         Raises:
@@ -286,7 +288,7 @@ class Mechanism(MechanismMethods):
         >>> ball = hp.Body(2, inertia=(1, 1, 1))
         >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand", body2=ball)
         >>> robot = hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))
-        >>> robot["hand"].body2.mass  # of the ball and the payload together
+        >>> robot["hand"].body2.mass  # robot["hand"] is the HingePair; body 2 is the ball with the payload
         5.0
         """
         return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)
@@ -295,12 +297,13 @@ class Mechanism(MechanismMethods):
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
         """Return a copy of the robot, a Mechanism, with an additional frame called `name`, such as a tool frame. The
-        new frame is fixed to the link, joint or frame named `link`. R [m] and S (3, 3) are the position and the
+        new frame is fixed to the link or other frame named `link`. R [m] and S (3, 3) are the position and the
         rotation of the new frame relative to the frame `link`. The robot itself is not changed.
 
         Args:
             name: name of the new frame; no link, joint or frame may have it already.
-            link: name of the link, the joint or the other frame to which the new frame is fixed.
+            link: name of the link or other frame to which the new frame is fixed. The name of a joint stands for the
+                link that the joint carries.
             R: vector from the origin of `link` to the origin of the new frame, in the axes of `link` [m]; shape (3,).
                 By default, it is zero.
             S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3). By default, it is

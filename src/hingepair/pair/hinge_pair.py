@@ -192,7 +192,8 @@ class HingePair(Shown):
                 the first, second and third letter.
             workers: number of threads; -1 for one thread per core.
             backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles. "auto"
-                compiles if the number of samples makes it worthwhile.
+                (default) compiles if the number of samples makes it worthwhile, and otherwise computes with NumPy. If
+                compiling fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
             The PairState. Outputs that are not computed, such as v2 without qd, are None. The dtype is float32 if all
@@ -627,8 +628,8 @@ class HingePair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
         Returns:
-            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy includes
-            gravity only. The potential energy of a mass at the world's origin is zero.
+            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is
+            that of gravity alone. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -772,12 +773,12 @@ class HingePair(Shown):
         return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-        """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). It is the bias in
+        """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). This part is `bias` in
         (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9). `body1` is the BodyMotion of body 1; only S and omega
         are used.
 
         Jac is the matrix that `jacobian` returns. (a2, alpha2) is a vector of 6 components, and
-        (a1, alpha1, psi'') is a vector of 7.
+        (a1, alpha1, psi'') is a vector of 7. a1 and alpha1 are the linear and angular acceleration of body 1.
 
         Args:
             body1: the motion of body 1; only S and omega are used.
@@ -964,8 +965,8 @@ class HingePair(Shown):
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). It is
-        the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
+        """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). This
+        part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
 
         gap is the vector between the hinge points of both bodies, and tilt has two components without unit.

@@ -420,7 +420,7 @@ class PlanarPair(Shown):
 
         Returns:
             The Energy, with the attributes kinetic and potential [J], each of shape (...,). The potential energy
-            includes gravity only. The potential energy of a mass at the world's origin is zero.
+            is that of gravity alone. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
