@@ -110,7 +110,7 @@ def linearize(
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion of a pair under loads about the state (body1, psi_0, psid_0) at the instant t, or with
-    `equilibrium` about the stable equilibrium near it. Return a `Linearization` with matrices, poles, natural
+    `equilibrium` about the stable equilibrium near this state. Return a `Linearization` with matrices, poles, natural
     frequencies and damping ratios. The loads and `base` are as for `simulate`. Raise an ArgumentError if friction or
     a stop holds the hinge, or if no equilibrium is found.
 
@@ -118,7 +118,8 @@ def linearize(
     one instant. Derivatives are computed by finite differences of order 4.
 
     Args:
-        pair: a pair whose bodies have mass properties, as for `simulate`.
+        pair: a pair whose moving bodies have mass properties: body 2, and also body 1 if `base` is "free" or
+            "pinned".
         body1: motion of body 1 as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
             callable.
         psi_0: hinge angle [rad].
@@ -130,7 +131,7 @@ def linearize(
         torque1: torque on body 1, world axes [N m], as for `simulate`; 0 by default.
         force2: force on body 2 at R2, world axes [N], as for `simulate`; 0 by default.
         torque2: torque on body 2, world axes [N m], as for `simulate`; 0 by default.
-        gravity: acceleration of free fall [m/s^2], as for `simulate`.
+        gravity: acceleration of free fall, world axes [m/s^2]; (0, 0, -9.81) by default, for a PlanarPair (0, -9.81).
         base: what holds body 1: "free" (the default), "pinned", "fixed", or a callable, as for `simulate`.
         t: instant at which loads and a callable base are evaluated [s]; 0 by default.
         equilibrium: whether to linearize about the stable equilibrium near the given state. The given state must then
@@ -139,9 +140,9 @@ def linearize(
 
     Returns:
         A `Linearization` with the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u. Here x is the deviation of
-        the state, and u is the deviation of the torque at the hinge [N m]; `.names` lists the k components of the
-        state. Further attributes are the hinge angle `.psi` about which the motion is linearized [rad], `.poles`
-        [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios`.
+        the state, and u is the deviation of the torque at the hinge [N m]. `.names` lists the names of the k
+        components of the state. Further attributes are the hinge angle `.psi` about which the motion is linearized
+        [rad], `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios`.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the

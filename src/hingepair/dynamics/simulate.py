@@ -188,8 +188,8 @@ def simulate(
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
-    t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end it before
-    t[-1]. Warn if psi leaves the limits or goes far into a stop, or if arguments seem to be in wrong units. Raise a
+    t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end the motion
+    before t[-1]. Warn if psi passes a limit or a stop, or if arguments seem to be in wrong units. Raise a
     SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
@@ -197,13 +197,15 @@ def simulate(
     momentum are conserved to the last bit.
 
     The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
-    `DynamicsWarning` is issued if psi leaves the limits where there is no stop, or goes far into a stop.
+    `DynamicsWarning` is issued if psi passes a limit at which there is no stop, or passes a stop by more than 0.02
+    rad.
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
-            For a PlanarPair, forces and gravity have two components, and torques have one. But `body1`, and the
-            `now` that callables receive, are given in space: R lies in the plane z = 0, and S is a rotation
-            about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
+            For a PlanarPair, forces and gravity have two components, and torques have one. The argument `body1` and
+            the `now` that callables receive have three-dimensional quantities also for a PlanarPair: R lies in the
+            plane z = 0, and S is a rotation about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1),
+            phi)).
         t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
             integer nanoseconds are converted to seconds since the first one; callables and `breaks` use these
             seconds.
@@ -211,9 +213,9 @@ def simulate(
             callable.
         psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
         psid_0: hinge rate at t[0] [rad/s]. None if `hinge` is a callable.
-        hinge: "free" (the default), so that the loads determine the motion of the hinge; or a callable of times (n,)
-            that returns psi, psi' and psi'', each (n,). In the second case, the argument hinge_torque must be 0, and
-            the attribute `loads` of the result contains the hinge_torque that this motion needs.
+        hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that
+            returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge. The argument hinge_torque must
+            then be 0, and `loads["hinge_torque"]` of the result is the torque that this motion needs.
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).
@@ -239,9 +241,9 @@ def simulate(
             the callable selects, as for SciPy's events, values that rise (1), that fall (-1), or both (0, the
             default). If an impact makes the value jump across 0, the result ends with the motion before the impact. A
             value that reaches 0 at a rigid stop, or where friction stops the hinge, counts as having passed 0, even
-            if it stays there or turns back. Otherwise a value that only touches 0 is not found. For a turning point
-            of psi, return now.psid. Return a quantity that goes below 0, such as 1 - now.psi, instead of one that
-            stays at 0, such as np.maximum(1 - now.psi, 0).
+            if the value then stays at 0 or turns back. Everywhere else, a value that touches 0 without passing it is
+            not found. For a turning point of psi, return now.psid. Return a quantity that goes below 0, such as
+            1 - now.psi, instead of one that stays at 0, such as np.maximum(1 - now.psi, 0).
         tol: tolerance of each step, a number from 1e-14 to 1e-2; 1e-10 by default. The error of an angle in one step
             is at most tol [rad]. The error of a position is at most tol times the sum of the lengths of u1, u2 and
             both bodies' center_of_mass [m].
@@ -250,15 +252,16 @@ def simulate(
 
     Returns:
         A `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. It is a `Trajectory` (or `PlanarTrajectory`:
-        `.t`, `.S1`, `.psi`, `.R2`, ...) that also has `.body1`, `.psid`, `.psidd`, `.loads`, `.ended_by_event`
-        (whether `until` ended the motion), `.energy()`, `.momentum()` and `.energy_balance()`. `.error_estimate` is
-        the estimated error of the attitude of body 1 [rad], 0 if the base is fixed or a callable.
-        `.psi_error_estimate` is the estimated error of psi [rad]. Both are computed at the first access, by a second
-        run with a smaller tolerance.
+        `.t`, `.S1`, `.psi`, `.R2`, ...) that also has `.body1` (a BodyMotion), `.psid` [rad/s], `.psidd` [rad/s^2],
+        `.loads` (a dict of arrays by name), `.ended_by_event` (whether `until` ended the motion), `.energy()`,
+        `.momentum()` and `.energy_balance()`. `.error_estimate` is the estimated error of the attitude of body 1
+        [rad]; the value is 0 if the base is fixed or a callable. `.psi_error_estimate` is the estimated error of psi
+        [rad]. Both are computed at the first access, by a second run with a smaller tolerance.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.
-        SimulationError: the simulation cannot be continued; `t` of the error is the instant it reached.
+        SimulationError: the simulation cannot be continued; `t` of the error is the last instant that the simulation
+            reached.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -79,14 +79,14 @@ def to_urdf(
 
     - `body1` has the frame (R1, S1).
     - `body2_at_hinge` has its origin at the hinge point, and the mass and the shapes of body 2. The joint `hinge`
-      connects it with `body1`; this joint is revolute if the pair has limits, else continuous.
+      connects `body2_at_hinge` with `body1`. This joint is revolute if the pair has limits, else continuous.
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
-    If a URDF joint has any limit, it must state effort and velocity. Such a pair gets effort="1000.0" [N m] if it has
-    no torque_limit, and velocity="100.0" [rad/s] if it has no rate_limit. Both values are large enough not to limit
-    ordinary motions. Simulators reject a body if one principal moment of inertia exceeds the sum of the other two.
-    Rounding can cause this for a flat body; the moments are then written slightly larger, so that simulators accept
-    them.
+    If a URDF joint has any limit, it must state effort and velocity. If a pair has a limit of any kind, the text
+    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit.
+    If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are written for
+    this body. Simulators reject a body if one principal moment of inertia exceeds the sum of the other two. Rounding
+    can cause this for a flat body; the moments are then written slightly larger, so that simulators accept them.
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
@@ -95,14 +95,15 @@ def to_urdf(
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
-            are written if given; or a `Mechanism`.
+            are written; or a `Mechanism`.
         base: "free" (default): the root link is `body1`, or the base of a robot, and the program that loads the text
-            decides whether it can move (in Pinocchio: a free-flyer as root joint). "floating": a floating joint
+            decides whether the root can move (in Pinocchio: a free-flyer as root joint). "floating": a floating joint
             connects the root with a link `world`. "fixed": a fixed joint connects the root with a link `world`.
-        hinge_torque: `HingeLoad` at the hinge of a pair. Its damping and friction are written, and its stops in place
-            of the limits of the pair. A `DynamicsWarning` lists its other properties, which URDF cannot hold.
-        body1: pose of body 1 of a pair in `world` (R and S of a `BodyMotion`) if `base` is "fixed"; at the origin
-            unless given.
+        hinge_torque: `HingeLoad` at the hinge of a pair. Its damping and friction are written. If it has stops, they
+            are written in place of the limits of the pair. A `DynamicsWarning` lists its other properties, which URDF
+            cannot hold.
+        body1: pose of body 1 of a pair in `world` (R and S of a `BodyMotion`), only if `base` is "fixed". By default,
+            R is the origin and S is the identity.
 
     Raises:
         ArgumentError: `base` is unknown; a name holds a character that XML does not allow; the argument body1 is
@@ -168,21 +169,27 @@ def to_mjcf(
     "pinned" or "fixed". `hinge_torque` is a HingeLoad or None, and `body1` is the initial pose of body 1 or None.
     Warn if `hinge_torque` has properties that MJCF cannot hold.
 
-    The model has three bodies: `body1` has the frame (R1, S1); `body2_at_hinge` is its child, has its origin at the
-    hinge point, and is rotated by the joint `hinge`; `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2). With
-    a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not collide.
+    The model has three bodies:
+
+    - `body1` has the frame (R1, S1).
+    - `body2_at_hinge`, the child of `body1`, has its origin at the hinge point and is rotated by the joint `hinge`.
+    - `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2).
+
+    With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not
+    collide. If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are
+    written for this body.
 
     Args:
-        pair: the pair; its limits, torque_limit, body1 and body2 are written if given. Its rate_limit is not written,
-            since MuJoCo has no rate limits.
+        pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its
+            rate_limit is not written, since MuJoCo has no rate limits.
         base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
             (quat_wxyz, psi). The attitude S1 is then the product of the initial attitude and the rotation matrix of
             quat_wxyz, in this order. "fixed": body 1 does not move, and qpos is (psi).
-        hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written, and its stops in place
-            of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A `DynamicsWarning` lists
-            its other properties, which MJCF cannot hold.
-        body1: pose of body 1, or its initial pose if it can move (R and S of a `BodyMotion`); at the origin unless
-            given.
+        hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written. If it has stops, they
+            are written in place of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A
+            `DynamicsWarning` lists its other properties, which MJCF cannot hold.
+        body1: pose of body 1 at the start (R and S of a `BodyMotion`). By default, R is the origin and S is the
+            identity.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); zero unless given.
 
     Raises:

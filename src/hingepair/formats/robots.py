@@ -67,10 +67,9 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
     Returns:
         The pair, named `robot/joint`, with the limits and the mass properties that `hingepair.from_urdf` gives it.
-        The limits are None if the joint has none. body1 combines the parent link and all links that are fixed to it,
-        and body2 combines the child link and all links that are fixed to it. A body is None if none of its links has
-        mass, or if no rigid body can have the combined mass properties. Unlike `hingepair.from_urdf`, this function
-        issues no warning in the latter case.
+        body1 combines the parent link and all links that are fixed to it, and body2 combines the child link and all
+        links that are fixed to it. A body is None if none of its links has mass, or if no rigid body can have the
+        combined mass properties. `hingepair.from_urdf` warns of such mass properties; this function does not.
 
     Raises:
         ArgumentError: there is no robot of this name, or there are several.

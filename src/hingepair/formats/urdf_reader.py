@@ -27,8 +27,8 @@ def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
     """Read the hinge named `joint` from a URDF file or from URDF text, and return it as a HingePair. `body1_frame`
-    and `body2_frame` name the links whose frames are (R1, S1) and (R2, S2); by default, they are the links that the
-    joint connects. Mass properties that no rigid body can have are left out, and a warning says so.
+    and `body2_frame` name the links whose frames are (R1, S1) and (R2, S2). By default, these are the parent link and
+    the child link of the joint. Mass properties that no rigid body can have are left out, and a warning says so.
 
     Args:
         path_or_text: path of a file, or the URDF itself (text that starts with "<").
@@ -43,14 +43,15 @@ def from_urdf(
 
         - With the default frames, u1 and home are the position and the rotation of the joint's `<origin>` (home is
           the attitude of body 2 relative to body 1 at psi = 0), and u2 is zero.
-        - `limits` are the limits of a revolute joint. They are None if lower and upper are equal; this includes a
-          joint that states neither, since both then are 0 in URDF.
-        - `torque_limit` is the effort of the joint, `rate_limit` its velocity.
+        - `limits` are the limits of a revolute joint. They are None for a continuous joint, and for a revolute joint
+          whose lower and upper limit are equal or are not stated.
+        - `torque_limit` is the effort of the joint, and `rate_limit` is the velocity of the joint; each is None if
+          the joint does not state it.
         - `body1` combines the parent link of the joint and all links that are rigidly fixed to it, and `body2`
           combines the child link and all links that are rigidly fixed to it. A body is None if none of its links has
           mass. It is also None, with a warning, if no rigid body can have the combined mass properties.
-        - The boxes, cylinders and spheres of a body are read, unless the body is also drawn by other shapes, such as
-          meshes. Meshes and the name of the robot are not read.
+        - The `shapes` of a body are the boxes, cylinders and spheres of the `<visual>` elements of its links. There
+          are none if one of the links has other visual shapes, such as meshes.
 
         To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then the u2 of that pair. The effort 1000
         and the velocity 100, which `to_urdf` writes for a missing limit, are read as limits.
@@ -59,12 +60,13 @@ def from_urdf(
         URDFError: one of these faults was found; errors in other parts of the robot are ignored:
 
             - The URDF cannot be read.
-            - It has no such hinge or frame; the message lists the hinges or frames that it has.
+            - The URDF has no such hinge or frame. The message lists the hinges or frames that can be used.
             - The lower limit is above the upper limit.
-            - The parent or the child link of the joint is not declared, or both are fixed to each other.
+            - A link of the two bodies is not declared exactly once, or is the child of more than one joint.
+            - The parent link and the child link of the joint are rigidly fixed to each other.
             - A value of the two bodies is not a finite number.
-            - The parent link of any joint is not declared, since the links that this joint carries might belong to
-              one of the bodies.
+            - A joint anywhere in the robot has a parent link that is not declared. The links that this joint carries
+              might belong to one of the bodies.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))

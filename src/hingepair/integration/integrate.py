@@ -141,9 +141,9 @@ def integrate(
     backend: str = "auto",
 ) -> Any:
     """Integrate the motion of a pair over the instants t from the angular velocity `omega1` of body 1 and the hinge
-    rate `psid`, each a constant, samples at t or a callable of t (E12). Return a `Trajectory`, for a PlanarPair a
-    `PlanarTrajectory`. `frame` names the axes of omega1, "world" or "body". The motion starts from S1_0 (for a
-    PlanarPair phi_0) and psi_0. Raise an ArgumentError if the error cannot be kept below `tol`.
+    rate `psid` (E12). Each rate is a constant, an array of samples at t, or a callable of t. Return a `Trajectory`,
+    for a PlanarPair a `PlanarTrajectory`. `frame` names the axes of omega1, "world" or "body". The motion starts from
+    S1_0 (for a PlanarPair phi_0) and psi_0. Raise an ArgumentError if the error cannot be kept below `tol`.
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -152,25 +152,30 @@ def integrate(
     - a callable that takes an array of times (n,) and returns an array (n, 3) or (n,), or a constant.
 
     Samples are interpolated by polynomials of degree 5, which presumes a smooth motion: at a kink or across a gap the
-    polynomials overshoot. With samples, only differences of instants matter. A callable receives times in seconds. If
-    t is in seconds, these are times on the scale of t. If t is datetime64 or integer nanoseconds since 1970, they are
-    counted from the first instant. Seconds since 1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or
-    integer nanoseconds of the clock instead.
+    polynomials overshoot. With samples, only differences of instants matter.
+
+    A callable receives times in seconds. If t is in seconds, these times count from the same zero as t. If t is
+    datetime64 or integer nanoseconds since 1970, these times count from the first instant. Seconds since 1970 as
+    floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock instead.
 
     The methods are:
 
-    - `magnus6` (order 6), `magnus4` and `cf4` (order 4), `rk4_quaternion` (order 4), and `midpoint` (order 2) compute
-      the rotation over each step from values of omega1 within the step. With samples, `magnus6` corresponds to the
+    - `magnus6` (order 6), `magnus4` (order 4) and `midpoint` (order 2) compute the rotation vector of each step by a
+      Magnus series, from omega1 at 3, 2 or 1 Gauss nodes in the step. With samples, `magnus6` corresponds to the
       multi-sample coning correction of strapdown navigation (Bortz, Miller, Savage).
+    - `cf4` (order 4, commutator-free) computes the rotation of each step as the product of two rotations, from omega1
+      at 2 Gauss nodes.
+    - `rk4_quaternion` (order 4) is the classical Runge-Kutta method for the quaternion, which is normalised after
+      each step.
     - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
       of order 4. It fails near gimbal lock. It is for a HingePair only.
     - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own. It is for a HingePair only.
 
-    Arrays with leading axes describe many motions over the same instants: omega1 (..., N, 3), psid (..., N), R1
-    (..., N, 3), S1_0 (..., 3, 3), psi_0 (...,). Leading axes broadcast against each other. A rate or R1 whose axis N
-    has length 1 is constant in time in each motion. A callable, or an array without leading axes, applies to all
-    motions. Each motion is integrated as if by a separate call: with the same steps, the same error estimate, and
-    bitwise the same result.
+    Arrays with leading axes describe many motions over the same instants: omega1, alpha1 and R1 (..., N, 3), psid and
+    psidd (..., N), S1_0 (..., 3, 3), phi_0 and psi_0 (...,). Leading axes broadcast against each other. A rate or R1
+    whose axis N has length 1 is constant in time in each motion. A callable, or an array without leading axes,
+    applies to all motions. Each motion is integrated as if by a separate call: with the same steps, the same error
+    estimate, and bitwise the same result.
 
     Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
     chunk of motions. Chunks along the time are joined, since a motion is integrated as a whole.
@@ -183,10 +188,11 @@ def integrate(
             integer nanoseconds are converted exactly to seconds since the first one.
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
-        R1: position of the reference point of body 1, world axes [m]. It is a constant (3,), an array (N, 3), or a
-            callable of t. A tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns such a tuple, gives
-            its velocity and acceleration too. By default it is the origin. If R1 moves and v1 (or a1) is not given,
-            v2 (or a2) of the result is None.
+        R1: position of the reference point of body 1, world axes [m]: a constant (3,), an array (N, 3), or a callable
+            of times (n,) that returns an array (n, 3) or a constant; the origin by default. To give the velocity
+            [m/s] and the acceleration [m/s^2] of the reference point too, give a tuple (R1, v1) or (R1, v1, a1) of
+            arrays, or a callable that returns such a tuple. If R1 is not constant and v1 (or a1) is not given, v2 (or
+            a2) of the result is None.
         S1_0: attitude of body 1 at t[0], body to world, for a HingePair only; shape (..., 3, 3); the identity by
             default.
         phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
@@ -194,12 +200,12 @@ def integrate(
         method: name of one of the methods above; "magnus6" by default.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
         tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
-            interval of t is one step (`dop853` chooses its own steps). With a tolerance, a callable is evaluated in
-            about 500 steps or more that cover the whole time. A feature that is narrower than a step may be missed,
-            also by `error_estimate`. A jump or a kink of a callable is found; it costs about sixty further steps, or
-            none if it is at one of the instants t.
-        alpha1: angular acceleration of body 1 [rad/s^2]. Without it, a2 and alpha2 of the result are None.
-        psidd: hinge acceleration psi'' [rad/s^2]. Without it, a2 and alpha2 of the result are None.
+            interval of t is one step (`dop853` chooses its own steps). With a tolerance, the steps are divided until
+            the error is small enough. A callable is then evaluated in about 500 steps or more that cover the whole
+            time. A jump or a kink of a callable costs about sixty further steps, or none if it is at one of the
+            instants t. A feature that is narrower than a step may be missed, also by `error_estimate`.
+        alpha1: angular acceleration of body 1 [rad/s^2]. Without alpha1, a2 and alpha2 of the result are None.
+        psidd: hinge acceleration psi'' [rad/s^2]. Without psidd, a2 and alpha2 of the result are None.
         outputs: as for `forward_kinematics`. By default, all outputs of body 2 that can be computed from the inputs;
             () for none.
         backend: as for `forward_kinematics`.

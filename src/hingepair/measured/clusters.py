@@ -57,20 +57,20 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     attitude.
 
     Args:
-        markers: positions of the markers in the world [m], NaN where a marker is not seen; shape (N, M, 3). There
+        markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
             must be three markers or more that are not on a line.
-        reference: places of the markers in the body's axes [m]; shape (M, 3). If they are not given, the body's axes
-            are parallel to the world's axes at the sample that shows the most markers, and the body's reference
-            point is the mean of the fitted places of all markers.
+        reference: places of the markers, from the body's reference point, in the body's axes [m]; shape (M, 3). If
+            they are not given, the body's axes are parallel to the world axes at the sample that shows the most
+            markers, and the body's reference point is the mean of the fitted places of all markers.
 
     Returns:
-        The ClusterFit. Its attribute `.body` is a BodyMotion with R and S, shape (N,), which `fit` and `smooth`
-        accept.
+        A ClusterFit. Its attribute `.body` is a BodyMotion of shape (N,) with R and S, which `fit` and `smooth`
+        accept. R and S are NaN at samples that show fewer than three markers.
 
     Raises:
-        FitError: no sample has three markers, or the markers are on a line. Without `reference`, this error is also
-            raised if a marker that is missing in the sample with the most markers is never seen together with three
-            others.
+        FitError: no sample shows three markers, or the markers are on a line. If `reference` is None, the places of
+            the markers in the sample with the most markers are found first. The error is then also raised if another
+            marker is never seen together with three markers whose places are known.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

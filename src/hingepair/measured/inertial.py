@@ -128,25 +128,27 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
-    """Fit the hinge axis to the angular velocities `omega1_b1` and `omega2_b2` (N, 3) that two gyroscopes record, one
-    on each body, each in its body's axes [rad/s]. Return an AxisFit. `gyroscope_bias` is the expected size of the
-    biases [rad/s]. Raise FitError if there are too few samples or neither body turns.
+    """Fit the hinge axis to the records of two gyroscopes, one on each body, and return an AxisFit. The records
+    `omega1_b1` and `omega2_b2` are the angular velocities of body 1 and body 2, in body 1's axes and in body 2's axes
+    [rad/s]. `gyroscope_bias` is the expected size of the gyroscopes' biases [rad/s]. Raise FitError if there are too
+    few samples or neither body turns.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; shape (N, 3), NaN where a sample
             is missing. Samples must be in the order of time and equally spaced, because the sign of n2 relative to n1
             is found from the changes between successive samples.
-        omega2_b2: angular velocity of body 2 in body 2's axes at the same instants [rad/s]; shape (N, 3).
+        omega2_b2: angular velocity of body 2 in body 2's axes, S2^T omega2, at the same instants [rad/s]; shape
+            (N, 3), NaN where a sample is missing.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
 
     Returns:
-        The fit: the hinge axis in body 1's axes (`n1`) and in body 2's axes (`n2`). As -n1 and -n2 describe the same
-        hinge, a rule fixes the sign: the first component of n1 whose magnitude is at least 0.45 times the largest
-        magnitude is positive.
+        An AxisFit. Its `n1` and `n2` are unit vectors along the hinge axis, in body 1's axes and in body 2's axes;
+        shape (3,). As -n1 and -n2 describe the same hinge, a rule fixes the sign: the first component of n1 whose
+        magnitude is at least 0.45 times the largest magnitude is positive.
 
     Raises:
-        FitError: there are fewer than 8 samples, or neither body turns.
+        FitError: there are fewer than 8 instants at which both records are finite, or neither body turns.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

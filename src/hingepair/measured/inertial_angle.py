@@ -89,11 +89,15 @@ def fit_angle(
     from the sensors to the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without
     samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
-    Two vectors are known from both sensors, each in the axes of its own body: the specific force at the hinge point,
-    and the part of the angular velocity that is perpendicular to the hinge axis. At one instant, the directions of
-    either vector in the axes of both bodies determine the hinge angle. The hinge rate is the difference of the
-    angular velocities along the axis; its integral connects the angles of different instants. Each of the four
-    records may have NaN where a sample is missing. An instant is used only if all four records are finite there.
+    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. Each sensor measures
+    the same two vectors, in the axes of its body: the specific force at the hinge point, and the part of the angular
+    velocity that is perpendicular to the hinge axis. At each instant, the direction of one of these vectors in body
+    1's axes and its direction in body 2's axes determine the hinge angle, unless the vector is parallel to the hinge
+    axis. The hinge rate is the difference of the two angular velocities along the axis. The integral of the hinge
+    rate connects the angles of different instants.
+
+    Each of the four records may have NaN where a sample is missing. An instant is used if all four records are finite
+    there, and if it belongs to a series of at least 8 such instants without a gap.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
@@ -106,18 +110,19 @@ def fit_angle(
         n2: hinge axis in body 2's axes; shape (3,).
         u1: vector from sensor 1 to the hinge point, body 1's axes [m]; shape (3,).
         u2: vector from sensor 2 to the hinge point, body 2's axes [m]; shape (3,).
-        gaps: longest time without a sample over which rates are integrated [s]. A value below 1.5 times the
-            median time step counts as 1.5 times the median time step.
+        gaps: longest time without a sample over which rates are integrated [s]. A longer time is a gap. A value below
+            1.5 times the median time step counts as 1.5 times the median time step.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
-            [m/s^2]. The standard deviation `std` of psi includes the effect of these biases.
+            [m/s^2]. The attribute `std` of the result includes the effect of these biases.
 
     Returns:
-        The fit, with the hinge angle as `.psi` [rad], shape (N,). At psi = 0, the attitude of body 2 relative to body
-        1 is the rotation by the smallest angle that turns n2 into n1. If n1 and n2 are more than 154 degrees apart,
-        the rule that `fit` states for `home` applies instead. If n1 = n2, the axes of both sensors are parallel at
-        psi = 0. Check `.ok` and `.findings` before you use its numbers.
+        An AngleFit, with the hinge angle as `.psi` [rad], shape (N,), NaN at the instants that are not used. At psi =
+        0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1. If
+        n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. If n1 and n2 are more than 154 degrees apart,
+        the rule that `fit` states for `home` applies instead, with n = n1. Check `.ok` and `.findings` before you use
+        the numbers of the fit.
 
     Raises:
         FitError: there are fewer than 8 consecutive samples without a gap.

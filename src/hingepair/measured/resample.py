@@ -38,8 +38,8 @@ def resample(
     probably not in seconds.
 
     The interpolant is the cubic polynomial through the four nearest samples; its error is of order h^4 for a time
-    step h. Attitudes are interpolated as rotation vectors relative to a neighbouring sample. At an instant of the
-    recording, the result is the sample itself. Samples that are not finite are skipped. Nothing is extrapolated.
+    step h. Attitudes are interpolated as rotation vectors relative to a neighbouring sample. Samples that are not
+    finite are skipped. At the instant of a finite sample, the result is the sample itself. Nothing is extrapolated.
     Angles must have no jumps of 2 pi (`numpy.unwrap` removes them).
 
     Attitudes should be given as a BodyMotion, since the elements of an array are interpolated one by one. If `values`

@@ -147,12 +147,12 @@ def smooth(
     """Smooth `body`, a BodyMotion or an angle (N,) recorded at instants t, and return a SmoothedMotion or a
     SmoothedAngle with first and second time derivatives. `bandwidth` [Hz] is found by cross validation if it is None.
     `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Issue a
-    MeasurementWarning for large noise, outliers, filtered samples and doubtful units.
+    MeasurementWarning if the samples have large noise or outliers, or seem to be filtered or in wrong units.
 
     The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
     bandwidth is given, generalised cross validation chooses it. The noise may be white, or the noise of neighbouring
-    samples may be correlated. If the samples were filtered before, their noise cannot be distinguished from motion,
-    and a warning says so.
+    samples may be correlated. If the samples were filtered before, the noise cannot be distinguished from motion, and
+    a warning says so.
 
     A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and nothing is
     differentiated across it. Shorter times without a sample are filled.
@@ -167,13 +167,15 @@ def smooth(
             frequencies are removed. By default it is chosen from the data.
         gaps: longest time without a sample that is filled [s]. A value below 1.5 times the median time step
             counts as 1.5 times the median time step.
-        loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers, as for `fit`:
-            "soft_l1", "huber", "cauchy" or "arctan".
+        loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
+            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. With "cauchy" and "arctan",
+            outliers have the least influence.
 
     Returns:
         For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
-        SmoothedAngle, which unpacks as psi, psid, psidd. Both have the standard deviations `.std` of the result at
-        every sample and `.noise` of the recorded samples, and the frequency `.bandwidth`.
+        SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have the dict `.std` with the standard
+        deviations of each result at every sample, the dict `.noise` with the standard deviations of the noise, and
+        the bandwidth `.bandwidth` [Hz].
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go

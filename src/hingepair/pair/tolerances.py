@@ -112,9 +112,9 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds `samples` random pairs, which deviate from the pair `pair`. The tolerances are
-    either standard deviations of u1, u2, the hinge axis and home, or a covariance, such as the covariance of a
-    HingeFit. An integer `seed` gives the same pairs in every call.
+    """Return a HingePair that holds `samples` pairs, whose u1, u2, n and home deviate at random from those of `pair`.
+    The tolerances are either standard deviations of u1, u2, the hinge axis and home, or a covariance, such as the
+    covariance of a HingeFit. An integer `seed` gives the same pairs in every call.
 
     The deviations are normally distributed with mean zero. The result is used like a single pair. Its leading shape
     (samples,) broadcasts against the leading shape of a motion: one state gives a result for each pair, and in a

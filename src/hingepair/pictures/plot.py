@@ -52,14 +52,15 @@ def plot(
     outputs: Iterable[str] | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
-    It shows position, attitude, their rates and psi over time, the paths in space, and the residual of equation E1.
-    If `outputs` is given, the figure shows only the outputs that it names, over time. No file is written.
+    For the motion of a pair, the figure shows position, attitude, velocities and accelerations of body 2, psi, the
+    paths of R1, R2 and the hinge point, and the residual of equation E1. If `outputs` is given, the figure shows only
+    the outputs that `outputs` names, over time. No file is written.
 
-    Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point; the residual is the largest
-    component of their difference [m]. For a scene of a robot, the figure shows position, rate and torque of each
-    joint that moves, with its limits (limits far from the curve are given as text), and the paths of the scene's
-    frames. No extreme value is lost: for more than 4,000 samples, the curves go through the smallest and the largest
-    value of each of 2,000 intervals.
+    Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
+    component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
+    torque of each joint that moves, the limits of these quantities, and the paths of the scene's frames. Limits far
+    from the curve are given as text. No extreme value is lost: for more than 4,000 samples, the curves go through the
+    smallest and the largest value of each of 2,000 intervals.
 
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`,

@@ -76,12 +76,11 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) for rotations by the angle psi about the axis n (E6), such as the
-    rotation of body 2 relative to body 1 about the hinge axis. The function normalises the axis. Raise AxisError if
-    an axis is zero or not finite.
+    """Return the rotation matrices (..., 3, 3) of rotations by the angle psi [rad] about the axis n (E6). The axis
+    may have any non-zero length. Raise AxisError if an axis is zero or not finite.
 
     Args:
-        n: rotation axis of any non-zero length; shape (..., 3). For a hinge, its components are in body-1 axes.
+        n: rotation axis of any non-zero length; shape (..., 3).
         psi: rotation angle by the right-hand rule about n [rad]; shape (...,), broadcasts against n.
 
     Returns:

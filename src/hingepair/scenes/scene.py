@@ -563,15 +563,15 @@ class SceneNoteCollector:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a TOML scene file. Return a Scene if the file describes a pair, or a MechanismScene if it describes a
-    robot. Its method `evaluate()` computes the outputs. docs/scenes.md describes the format. Raise a SceneError if
-    the file cannot be read as a scene.
+    """Read a TOML scene file, whose format docs/scenes.md describes. Return a Scene if the file describes a pair, or
+    a MechanismScene if it describes a robot. Raise a SceneError if the file cannot be read as a scene.
 
     Args:
         path: path of the scene file. Relative paths in the file start from the folder of the file.
 
     Returns:
-        A Scene or a MechanismScene. Its method `evaluate()` computes the outputs at the instants of the scene.
+        A Scene or a MechanismScene. Both have a method `evaluate()`, which computes the outputs at the instants of
+        the scene.
 
     Raises:
         SceneError: the file cannot be read as a scene. The message names the file, the table and the key in one line.
