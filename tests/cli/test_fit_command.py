@@ -184,6 +184,7 @@ def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
     assert "600 samples, 0 missing" in text
     row = ", ".join(f"{v:.6g} ± {s:.2g}" for v, s in zip(found.pair.u1, found.std["u1"], strict=True))
     assert f"| u1 | {row} | m |" in text
+    assert "u1 and u2 lead to the point on the axis closest to R1; " in text
     worst = int(np.argmax(found.gap))
     assert f"| {1e3 * found.gap[worst]:.3g} | t = {made.t[worst]:.6g} s |" in text
     assert "](../fit.png)" in text
@@ -202,7 +203,7 @@ def test_a_report_on_what_is_no_hinge_says_so(tmp_path):
     slides = recording(300, slip=0.1 * np.sin(recording(300).t)[:, None] * (1, 2, -0.5))
     assert invoke(saved(tmp_path / "slides.csv", slides), "--report", report).exit_code == 1
     text = report.read_text()
-    assert "**Not a hinge to rely on.**" in text
+    assert "**Not reliable.**" in text
     assert text.index("slides along the axis") < text.index("Do not use these numbers")
     assert "**ok**" not in text
     assert "HingePair(" not in text

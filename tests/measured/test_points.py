@@ -38,7 +38,8 @@ def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
     sign = np.sign(found.pair.n @ N1)
     assert np.ptp(found.psi - sign * made.psi) < 1e-12
     assert np.isnan(found.rms_angle)
-    assert "body 2 is a point" in str(found)
+    assert "body 2 is a point without recorded attitude, so home is the identity" in str(found)
+    assert f"u1 and u2 lead to the point on the axis {gauge.replace('_', ' ')}; " in str(found)
     assert json.loads(found.to_json())["rms_angle"] is None
     assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]"]
 

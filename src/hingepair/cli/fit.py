@@ -268,7 +268,7 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
     """Return the Markdown text of the report on a HingeFit. `inputs` are the paths of the recordings, which the
     heading names; `figure` is the path of the figure relative to the report, or None for a report without a figure.
     """
-    verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not a hinge to rely on.**"
+    verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not reliable.**"
     missing = fitted.psi.size - fitted.samples
     lines = [
         *_heading(inputs),
@@ -278,9 +278,9 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         *_hinge_table(fitted),
         "",
-        f"u1 and u2 name the point of the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion determines "
-        "only their difference. home is a rotation vector in the axes of body 1. Behind each number stands its "
-        f"standard deviation. {SIGN_AND_HOME_RULES_TEXT}",
+        f"u1 and u2 lead to the point on the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion "
+        "determines only their difference. home is a rotation vector in the axes of body 1. Each number is followed "
+        f"by its standard deviation. {SIGN_AND_HOME_RULES_TEXT}",
         "",
         "## Residuals",
         "",

@@ -81,7 +81,7 @@ class Circle(NamedTuple):
 
     def levers(self, gauge: str) -> tuple[Float64Array, Float64Array]:
         """Return the tuple (u1, u2) of the levers (3,) of the hinge, from R1 to the hinge point and from the
-        moving point to it. `gauge`, "closest_to_R1" or "closest_to_R2", names the point of the axis that is the
+        moving point to it. `gauge`, "closest_to_R1" or "closest_to_R2", names the point on the axis that is the
         hinge point.
         """
         u1 = self.centre - (self.centre @ self.n) * self.n if gauge == "closest_to_R1" else self.centre
@@ -137,7 +137,7 @@ def fit_circle(
     Args:
         poses: all samples, of which the places and the weights count.
         loss: of a sample; None counts squares.
-        gauge: which point of the axis the levers name.
+        gauge: rule that selects the point on the axis to which the levers lead.
         poses_at: function of the clock offset that returns the poses; given where the offset is an unknown too.
         offset: clock offset that the steps begin with [s].
 

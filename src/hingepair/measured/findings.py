@@ -45,7 +45,7 @@ MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
 class Finding(NamedTuple):
     """One sentence of a report on a fit (`text`), and whether the hinge is reliable in spite of it (`harmless`).
 
-    A harmless one says how large something is; any other says why there is no hinge to rely on.
+    A harmless one says how large something is; any other says why the hinge is not reliable.
     """
 
     text: str

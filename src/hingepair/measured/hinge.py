@@ -1,6 +1,6 @@
 """A hinge without its psi = 0, and the rules that fix what a motion cannot show.
 
-These are the point of the axis, the sign of (n, psi), and psi = 0.
+These are the point on the axis, the sign of (n, psi), and psi = 0.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MIN_AXES_COSINE_FOR_SHORTEST_TURN = -0.9
 
 
 class Hinge(NamedTuple):
-    """The axis of a hinge (a unit vector) and a point of the axis, each in the axes of both bodies: n and u1 for body
+    """The axis of a hinge (a unit vector) and a point on the axis, each in the axes of both bodies: n and u1 for body
     1, m and u2 for body 2. The direction of psi = 0 is not part of it.
     """
 

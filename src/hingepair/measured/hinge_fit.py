@@ -231,7 +231,7 @@ class HingeFit(Shown):
             lines.append(f"{name} = ({numbers}) {unit}".rstrip())
         turn = np.degrees(rotation_vector(self.pair.home))
         if self.body2.S is None:
-            lines.append("body 2 is a point: home is the identity, no attitude of body 2 is seen")
+            lines.append("body 2 is a point without recorded attitude, so home is the identity")
         else:
             lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
         low, high = np.degrees(self.psi_range)
@@ -244,10 +244,10 @@ class HingeFit(Shown):
             )
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
-            f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
-            f"difference is seen. {SIGN_AND_HOME_RULES_TEXT}"
+            f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
+            f"determines only their difference. {SIGN_AND_HOME_RULES_TEXT}"
         )
-        return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT A HINGE TO RELY ON"))
+        return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
 
     def __repr__(self) -> str:
         return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
