@@ -720,9 +720,9 @@ class HingePair(Shown):
             sample is not compared there, and `.skipped` is the number of such samples.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
-            arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance. Its
-            `.compute()` returns the `Residuals` in memory. For motions larger than memory, its `.compute_summary()`
-            returns `Residuals` whose arrays stay Dask arrays.
+            arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if
+            no residual is finite. Its `.compute()` returns the `Residuals` in memory. For motions larger than memory,
+            its `.compute_summary()` returns `Residuals` whose arrays stay Dask arrays.
 
         Raises:
             ArgumentError: an argument cannot be used, or a tolerance is given for a residual that needs velocities or

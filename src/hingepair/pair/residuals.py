@@ -261,9 +261,12 @@ class LazyResiduals(Results):
     motions larger than memory. Arrays that need velocities or accelerations which the motions do not have are None.
 
     Attributes:
-        ratio: largest residual / tolerance of each sample, at most 1 if it passes; NaN where the motion is not
-        finite. shape: leading shape of the samples. outputs: names of the arrays. name: name of the pair. t: instants
-        of the samples; None if they were not given.
+        ratio: largest of the quotients residual / tolerance at each sample, at most 1 if the sample passes. Residuals
+            that are not finite are left out; ratio is NaN if no residual is finite.
+        shape: leading shape of the samples.
+        outputs: names of the arrays.
+        name: name of the pair.
+        t: instants of the samples; None if they were not given.
     """
 
     __slots__ = (*_RESIDUALS_ARRAY_ATTRIBUTE_NAMES, "_summary", "_u", "name", "ratio", "t")
