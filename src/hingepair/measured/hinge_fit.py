@@ -90,8 +90,9 @@ class HingeFit(Shown):
     """The result of `fit`: the hinge found from two recorded motions, the hinge angle and the residuals of every
     sample, standard deviations, the clock offset, whether the hinge is reliable (`ok`), and findings.
 
-    `fit` does not use a sample if a pose is missing, if the given weight of the sample is 0, or if no sample of body
-    2 is near enough in time. A body 2 whose S was not given to `fit` is called a point.
+    `fit` does not use a sample if a pose is missing, if the given weight of the sample is 0, or if the clock offset
+    is not 0 and no sample of body 2 is near enough in time. A body 2 whose S was not given to `fit` is called a
+    point.
 
     Attributes:
         pair: the hinge, a HingePair.
@@ -138,7 +139,7 @@ class HingeFit(Shown):
             all samples if body 2 is a point.
         samples: number of samples that are used.
         body2: the motion of body 2 at the instants of body 1, a BodyMotion: the argument `body2`, corrected for the
-            clock offset. If the offset is not 0, R and S are NaN where no sample of body 2 is near enough in time.
+            clock offset. If the offset is not 0, R and S are NaN at samples that are not used.
     """
 
     pair: HingePair
