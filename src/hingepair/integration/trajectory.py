@@ -203,8 +203,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
         If rates are samples, the estimate includes the error of interpolation, which is due to gaps, to motion that
         the samples hardly resolve, and to jumps and kinks anywhere between two samples. It also includes the error
-        that is due to rounded time stamps (rounded to double precision, single precision or decimals), if the samples
-        show this rounding. The estimate is NaN for fewer than 4 samples.
+        that is due to time stamps rounded to double precision, single precision or decimals, if the samples show this
+        rounding. The estimate is NaN for fewer than 4 samples.
 
         The estimate does not include errors that have one of these causes:
 
@@ -302,8 +302,7 @@ class Trajectory(_TrajectoryBase):
         instant.
 
         Args:
-            body: 1 or 2. For body 2, `integrate` must have computed S2, as it does unless its argument `outputs`
-                leaves out S2.
+            body: 1 or 2. For body 2, the argument `outputs` of `integrate` must name S2 or be left at its default.
             sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
                 the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 

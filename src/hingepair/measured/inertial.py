@@ -260,9 +260,9 @@ def fit_anchor(
     `gaps` is the longest time without samples across which angular velocities are smoothed [s]. Raise FitError if
     there are too few samples or neither body turns.
 
-    The angular velocities are smoothed and differentiated with the method of `smooth`. The specific forces are used
-    as recorded. Each of the four records may have NaN where a sample is missing. An instant is used only if all four
-    records are finite there.
+    The axes of a body may be the axes of its sensor. The angular velocities are smoothed and differentiated with the
+    method of `smooth`. The specific forces are used as recorded. Each of the four records may have NaN where a sample
+    is missing. An instant is used only if all four records are finite there.
 
     Args:
         t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).

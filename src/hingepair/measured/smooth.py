@@ -51,6 +51,8 @@ class SmoothedMotion(BodyMotion):
     gaps. It also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
     constructor.
 
+    A gap is a time without samples that is longer than the argument `gaps` of `smooth`.
+
     Attributes:
         noise: dict with the keys "R", "v", "a", "S", "omega" and "alpha", whose values are numbers: standard
             deviations of one component. The values of "R" and "S" describe the noise of the recorded samples
@@ -58,9 +60,9 @@ class SmoothedMotion(BodyMotion):
             ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the errors of
             the derivatives are ten to twenty times larger.
         std: dict with the same keys, whose values are arrays (N, 3): the standard deviation of each component of the
-            smoothed quantity at every sample, in the units of `noise`, including the effect of ends and gaps. The
-            three components have equal values, so that these hold for any axes. For "S", they are the components of a
-            small rotation vector [rad]. Values in gaps are NaN.
+            smoothed quantity at every sample, in the units of `noise`, including the effect of ends and gaps; NaN in
+            gaps. The three values of a sample are equal and hold for any axes. For "S", they are the standard
+            deviations of the components of a small rotation vector [rad].
         bandwidth: dict with the keys "R" and "S", whose values are the frequencies at which smoothing halves the
             amplitude [Hz].
         correlation: dict with the keys "R" and "S", whose values are estimated correlation coefficients between the
@@ -99,6 +101,8 @@ class SmoothedAngle(Frozen):
     """The result of `smooth` for an angle: the smooth angle with its first and second time derivatives (NaN in gaps),
     their standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks
     the angle and its derivatives.
+
+    A gap is a time without samples that is longer than the argument `gaps` of `smooth`.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).

@@ -22,8 +22,8 @@ _SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Slider(Frozen, Shown):
     """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
-    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the limits
-    of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
+    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the
+    `limits` of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
 
     Like a `HingePair`, a Slider can be a joint of a `Mechanism`. The arguments have the same names as the arguments
     of a `HingePair`. They are stored as attributes of these names; the arrays are copied and read-only.

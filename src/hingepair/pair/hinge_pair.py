@@ -372,8 +372,8 @@ class HingePair(Shown):
 
         Returns:
             A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an
-            input is NaN or infinite.
+            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
+            NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -411,8 +411,8 @@ class HingePair(Shown):
 
         Returns:
             A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an
-            input is NaN or infinite.
+            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
+            NaN or infinite.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -193,8 +193,8 @@ class PlanarPair(Shown):
 
         Returns:
             A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an
-            input is NaN or infinite.
+            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
+            NaN or infinite.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -206,8 +206,8 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """Return this pair as a HingePair with n = (0, 0, 1). The third component of its u1 and u2 is 0, and its
-        body1 and body2 are those of this pair, unchanged.
+        """Return this pair as a HingePair with n = (0, 0, 1). In the HingePair, the third component of u1 and u2 is
+        0, and body1 and body2 are the same as in this pair.
 
         The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. The
         default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81). For

@@ -116,7 +116,7 @@ class Result(Shown):
 
     def to_xarray(self) -> Any:
         """Return an xarray Dataset with a variable for each recorded array, such as the position R2 and the hinge
-        angle psi. Its variables have the dimension `time`. Each variable has its unit as the attribute `units`;
+        angle psi. All variables have the dimension `time`. Each variable has its unit as the attribute `units`;
         outputs such as R2 also have a description as the attribute `long_name`.
 
         A vector also has the dimension `xyz`, or `xy` if it has two components. A rotation matrix has `xyz` for its

@@ -121,7 +121,8 @@ def angular_velocity_from_samples(
 
     Returns:
         omega, world axes [rad/s]; shape (..., N, 3). With `with_alpha`, (omega, alpha), where alpha [rad/s^2] has the
-        same shape, world axes. If a sample of S is not finite, the results that depend on it are not finite either.
+        same shape, world axes. If a sample of S is not finite, the results that depend on this sample are not finite
+        either.
 
     Raises:
         ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the body turns by pi or more

@@ -57,9 +57,10 @@ def derive(
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
         symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
             possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
-            the scene's constants are possible too. For a robot, only "u" is possible. It keeps as symbols the
-            positions of the joints (u_3x is the x component for the third joint, in the axes of the body that carries
-            the joint) and the position of the frame (p_x, p_y, p_z), in the axes of the body that carries the frame.
+            the scene's constants are possible too. For a robot, only "u" is possible. With "u", two kinds of
+            positions stay symbols: the positions of the joints (u_3x is the x component for the third joint, in the
+            axes of the body that carries the joint) and the position of the frame (p_x, p_y, p_z), in the axes of the
+            body that carries the frame.
         frame: name of a link, a joint or another frame of a robot; by default its only link without children. The
             name is required if several links have no children. Only for a robot.
 
