@@ -125,8 +125,8 @@ def linearize(
         psi_0: hinge angle [rad].
         psid_0: hinge rate [rad/s]; 0 by default.
         hinge_torque: torque at the hinge [N m], as for `simulate`; 0 by default. A HingeLoad with dry friction needs
-            a friction_rate if the hinge is at rest: friction without it holds the hinge, and the motion cannot be
-            linearized.
+            a friction_rate if the hinge is at rest: friction without friction_rate holds the hinge, and the motion
+            cannot be linearized.
         force1: force on body 1 at R1, world axes [N], as for `simulate`; 0 by default.
         torque1: torque on body 1, world axes [N m], as for `simulate`; 0 by default.
         force2: force on body 2 at R2, world axes [N], as for `simulate`; 0 by default.
@@ -141,8 +141,9 @@ def linearize(
     Returns:
         A `Linearization` with the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u. Here x is the deviation of
         the state, and u is the deviation of the torque at the hinge [N m]. `.names` lists the names of the k
-        components of the state. Further attributes are the hinge angle `.psi` about which the motion is linearized
-        [rad], `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios`.
+        components of the state; k is 14 for a free or pinned base and 2 for a base that is fixed or a callable.
+        Further attributes are the hinge angle `.psi` about which the motion is linearized [rad], and the arrays
+        `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios` with one value for each pole.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the

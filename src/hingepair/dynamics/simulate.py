@@ -230,7 +230,7 @@ def simulate(
         base: what holds body 1, one of:
 
             - "free" (the default): nothing;
-            - "pinned": R1 stays at its place at t[0], and body 1 turns about it (in space as on a ball joint);
+            - "pinned": R1 stays at its place at t[0], and body 1 turns about R1, in space as on a ball joint;
             - "fixed": body 1 stays at its pose at t[0];
             - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha.
         breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and

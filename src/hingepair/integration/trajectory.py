@@ -209,8 +209,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         The estimate does not include errors that have one of these causes:
 
         - noise in the arguments of `integrate`;
-        - motion that leaves no trace in the samples, because it happens in a gap or has fewer than two samples per
-          period;
+        - motion that leaves no trace in the samples: motion that begins and ends within a gap, or that has fewer than
+          two samples per period;
         - rounded time stamps whose rounding error changes so slowly from sample to sample that the samples do not
           show it.
         """
@@ -251,11 +251,11 @@ class Trajectory(_TrajectoryBase):
     """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
     and v2, are also attributes of the trajectory.
 
-    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
-    ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
-    trajectory of the motion with index 3, `trajectory[:10]` is the trajectory of the first ten motions, and
-    `to_xarray` returns all motions as labelled arrays. Only a single motion can be saved, plotted or converted to a
-    table.
+    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, which the
+    shapes below show as `...`. The attribute `motions` is the shape of these axes; it is () for one motion.
+    `trajectory[3]` is the trajectory of the motion with index 3, `trajectory[:10]` is the trajectory of the first ten
+    motions, and `to_xarray` returns all motions as labelled arrays. Only a single motion can be saved, plotted or
+    converted to a table.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -327,9 +327,9 @@ class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair over time, as `integrate` returns it (E11, E12). All attributes of its `state`,
     such as R2, phi2 and v2, are also attributes of the trajectory.
 
-    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, written
-    ... below. The attribute `motions` is the shape of these axes; it is () for one motion. `trajectory[3]` is the
-    trajectory of the motion with index 3.
+    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, which the
+    shapes below show as `...`. The attribute `motions` is the shape of these axes; it is () for one motion.
+    `trajectory[3]` is the trajectory of the motion with index 3.
 
     Attributes:
         t: the instants [s]; shape (N,).

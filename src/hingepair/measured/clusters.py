@@ -51,16 +51,16 @@ class ClusterFit:
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
-    """Fit the pose of a body at each of N samples to the recorded positions `markers` (N, M, 3) of M markers on it,
-    by least squares (Kabsch's algorithm), and return a ClusterFit. `reference` (M, 3) holds the places of the markers
-    in the body's axes; if it is None, these places are fitted too. Raise FitError if the markers do not determine the
-    attitude.
+    """Fit the pose of a body at each of N samples to the recorded positions `markers` (N, M, 3) of M markers on the
+    body, by least squares (Kabsch's algorithm), and return a ClusterFit. `reference` (M, 3) holds the places of the
+    markers in the body's axes; if `reference` is None, these places are fitted too. Raise FitError if the markers do
+    not determine the attitude.
 
     Args:
         markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
             must be three markers or more that are not on a line.
         reference: places of the markers, from the body's reference point, in the body's axes [m]; shape (M, 3). If
-            they are not given, the body's axes are parallel to the world axes at the sample that shows the most
+            `reference` is None, the body's axes are parallel to the world axes at the sample that shows the most
             markers, and the body's reference point is the mean of the fitted places of all markers.
 
     Returns:

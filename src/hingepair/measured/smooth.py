@@ -149,7 +149,7 @@ def smooth(
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
     """Smooth `body`, a BodyMotion or an angle (N,) recorded at instants t, and return a SmoothedMotion or a
-    SmoothedAngle with first and second time derivatives. `bandwidth` [Hz] is found by cross validation if it is None.
+    SmoothedAngle with first and second time derivatives. If `bandwidth` [Hz] is None, cross validation chooses one.
     `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Issue a
     MeasurementWarning if the samples have large noise or outliers, or seem to be filtered or in wrong units.
 
@@ -159,7 +159,7 @@ def smooth(
     a warning says so.
 
     A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and nothing is
-    differentiated across it. Shorter times without a sample are filled.
+    differentiated across a gap. Shorter times without a sample are filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970;
@@ -179,7 +179,7 @@ def smooth(
         For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
         SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have the dict `.std` with the standard
         deviations of each result at every sample, the dict `.noise` with the standard deviations of the noise, and
-        the bandwidth `.bandwidth` [Hz].
+        the bandwidth `.bandwidth` [Hz]. For a BodyMotion, `.bandwidth` is a dict with the keys "R" and "S".
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
