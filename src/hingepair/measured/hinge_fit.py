@@ -343,7 +343,8 @@ def fit(
             onto the plane perpendicular to n. This coordinate axis is the first of x, y and z along which the
             component of n is below 0.65 in magnitude.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
-            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, applied to each sample as a whole.
+            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. The residuals of the position and
+            the attitude of a sample enter the loss together.
             With such a loss, the first estimate is the hinge with which most samples agree, and samples whose
             residual exceeds thirty standard deviations of the noise are ignored. With "cauchy" and "arctan", outliers
             have the least influence.

@@ -26,7 +26,8 @@ class Slider(Frozen, Shown):
     `limits` of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
 
     Like a `HingePair`, a Slider can be a joint of a `Mechanism`. The arguments have the same names as the arguments
-    of a `HingePair`. They are stored as attributes of these names; the arrays are copied and read-only.
+    of a `HingePair`. They are stored as attributes of these names; the arrays are copied and read-only. The methods
+    of a `Mechanism` do not enforce `limits`, `torque_limit` and `rate_limit`; reports and exports show them.
 
     Args:
         u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1
