@@ -83,10 +83,11 @@ def to_urdf(
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
     If a URDF joint has any limit, it must state effort and velocity. If a pair has a limit of any kind, the text
-    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit.
-    If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are written for
-    this body. Simulators reject a body if one principal moment of inertia exceeds the sum of the other two. Rounding
-    can cause this for a flat body; the moments are then written slightly larger, so that simulators accept them.
+    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit. If
+    pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are written for this
+    body. For a body without shapes, a box, a rod to the hinge point and a cylinder along the hinge axis are written.
+    Simulators reject a body if one principal moment of inertia exceeds the sum of the other two. Rounding can cause
+    this for a flat body; the moments are then written slightly larger, so that simulators accept them.
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
@@ -177,7 +178,8 @@ def to_mjcf(
 
     With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not
     collide. If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are
-    written for this body.
+    written for this body. For a body without shapes, a box, a rod to the hinge point and a cylinder along the hinge
+    axis are written.
 
     Args:
         pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its

@@ -53,8 +53,9 @@ def from_urdf(
         - The `shapes` of a body are the boxes, cylinders and spheres of the `<visual>` elements of its links. There
           are none if one of the links has other visual shapes, such as meshes.
 
-        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then the u2 of that pair. The effort 1000
-        and the velocity 100, which `to_urdf` writes for a missing limit, are read as limits.
+        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then the u2 of that pair. For values that
+        a pair does not have, `to_urdf` may write the effort 1000, the velocity 100, the mass 1 kg and simple shapes.
+        They are read like any other values.
 
     Raises:
         URDFError: one of these faults was found; errors in other parts of the robot are ignored:

@@ -200,7 +200,7 @@ def integrate(
         method: name of one of the methods above; "magnus6" by default.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
         tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
-            interval of t is one step (`dop853` chooses its own steps). With a tolerance, the steps are divided until
+            interval of t is one step (`dop853` chooses its own steps). If tol is given, the steps are divided until
             the error is small enough. A callable is then evaluated in about 500 steps or more that cover the whole
             time. A jump or a kink of a callable costs about sixty further steps, or none if it is at one of the
             instants t. A feature that is narrower than a step may be missed, also by `error_estimate`.
@@ -214,11 +214,11 @@ def integrate(
         A `Trajectory`, for a PlanarPair a `PlanarTrajectory`. A Trajectory has the instants `.t` (N,) [s], the
         attitude of body 1 as `.S1` (..., N, 3, 3) and `.quat_wxyz` (..., N, 4), the hinge angle `.psi` (..., N)
         [rad], the outputs, such as `.R2` (..., N, 3) [m], and the estimated errors `.error_estimate` and
-        `.psi_error_estimate` (...,) [rad]. If there are many motions, `trajectory[i]` is the trajectory of one.
+        `.psi_error_estimate` (...,) [rad]. If there are many motions, `trajectory[i]` is the trajectory of motion i.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (the error gives the first index), or tol is
-            not reached. If there are many motions, the error says which one. A value of R1 that is not finite is no
+            not reached. If there are many motions, the error names the motion. A value of R1 that is not finite is no
             error: only the results at its instant are not finite.
         GimbalLockError: with `euler_angles`, an angle changes by more than 1 rad in a step, because the motion comes
             near gimbal lock or the steps are too long.

@@ -46,9 +46,9 @@ def view(
     `base_motion` is the motion of the base. Raise an ArgumentError for arguments that cannot be used.
 
     A body is drawn with the boxes, cylinders and spheres that the URDF file or the pair defines for it. A body
-    without them is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a prismatic
-    joint. For a motion, the page also has a time slider and shows the path of the frame that is selected on the page.
-    For the motion of a pair, it also shows the paths of both reference points and of the hinge point.
+    without such shapes is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a
+    prismatic joint. For a motion, the page also has a time slider and shows the path of the frame that is selected on
+    the page. For the motion of a pair, it also shows the paths of both reference points and of the hinge point.
 
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the

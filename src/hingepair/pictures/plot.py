@@ -52,9 +52,9 @@ def plot(
     outputs: Iterable[str] | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
-    For the motion of a pair, the figure shows position, attitude, velocities and accelerations of body 2, psi, the
-    paths of R1, R2 and the hinge point, and the residual of equation E1. If `outputs` is given, the figure shows only
-    the outputs that `outputs` names, over time. No file is written.
+    For the motion of a pair, the figure shows position, attitude, velocities and accelerations of body 2 and the
+    hinge angle psi over time, the paths of R1, R2 and the hinge point, and the residual of equation E1. If `outputs`
+    is given, the figure shows only the outputs that `outputs` names, over time. No file is written.
 
     Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
     component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
