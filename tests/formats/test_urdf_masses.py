@@ -12,6 +12,7 @@ import pytest
 from hingepair.errors import URDFError
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
+from hingepair.pair.body import DynamicsWarning
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.urdf.reader import read_urdf
 from support import states
@@ -83,7 +84,7 @@ def test_what_no_rigid_body_has_is_left_out(mass, moments):
     if mass == 0:
         assert from_urdf(text, "elbow").body1 is None
         return
-    with pytest.warns(UserWarning, match="mass properties of the body of 'upper' are left out: (inertia|mass)"):
+    with pytest.warns(DynamicsWarning, match="mass properties of the body of 'upper' are left out: (inertia|mass)"):
         assert from_urdf(text, "elbow").body1 is None
 
 
@@ -92,7 +93,7 @@ def test_masses_that_cancel_are_left_out():
     inside = re.search("<inertial>.*</inertial>", text)[0].replace('value="1"', 'value="-1"')
     text = text.replace('<link name="camera"/>', f'<link name="camera">{inside}</link>')
     assert 'value="-1"' in text
-    with pytest.warns(UserWarning, match="mass of 'camera': expected a number above 0, got -1"):
+    with pytest.warns(DynamicsWarning, match="mass of 'camera': expected a number above 0, got -1"):
         assert from_urdf(text, "elbow").body1 is None
 
 
@@ -100,7 +101,7 @@ def test_masses_that_overflow_together_are_left_out():
     inside = re.search("<inertial>.*</inertial>", with_inertial("upper", "1e308", (1, 1, 1), "1e200 0 0"))[0]
     text = re.sub('<link name="(upper|camera)"/>', rf'<link name="\1">{inside}</link>', ARM)
     assert text.count("1e308") == 2
-    with pytest.warns(UserWarning, match="of 'upper', 'camera' are left out"):
+    with pytest.warns(DynamicsWarning, match="of 'upper', 'camera' are left out"):
         assert from_urdf(text, "elbow").body1 is None
 
 

@@ -9,14 +9,13 @@ parent, what the joint carries would be missing from the body that it belongs to
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
 from hingepair.mechanism.shapes import body_drawing, link_shapes
-from hingepair.pair.body import Body, Shape
+from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import JointRecord, RobotRecord
@@ -170,7 +169,7 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
             links = ", ".join(map(repr, heavy))
             message = f"the mass properties of the body of {links} are left out: {error}"
     if warn:
-        warnings.warn(message, UserWarning, stacklevel=4)
+        warn_of_dynamics(message)
     return None
 
 

@@ -797,9 +797,9 @@ class MechanismMethods(Shown):
         True
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
-        names = tuple(outputs)
-        moving = names and names[0] in FRAME_MOTION_OUTPUT_NAMES
-        computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
+        names = _checked_outputs(outputs, None, (*FRAME_MOTION_OUTPUT_NAMES, *_INVERSE_DYNAMICS_OUTPUT_NAMES))
+        has_frame_outputs = any(name in FRAME_MOTION_OUTPUT_NAMES for name in names)
+        computation = self._computation(names, self._named_frames("frames", frames) if has_frame_outputs else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
         return computation.count_operations(values.value_by_input)
