@@ -107,8 +107,8 @@ class Mechanism(MechanismMethods):
         """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
         `locked` is a dict whose keys are names of joints and whose values are the positions at which these joints are
         held. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
-        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows does
-        not exist.
+        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
+        does not exist.
 
         Revolute and continuous joints become hinges, and prismatic joints become sliders. Links that fixed joints
         connect become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
