@@ -31,7 +31,7 @@ from hingepair.formats.xml_text import (
 )
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
-from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
+from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.hinge_load import HingeLoad
@@ -183,7 +183,8 @@ def to_mjcf(
 
     Args:
         pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its
-            rate_limit is not written, since MuJoCo has no rate limits.
+            rate_limit is not written, since MuJoCo has no rate limits. A torque_limit of 0, which MuJoCo does not
+            allow, is left out with a `DynamicsWarning`.
         base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
             (quat_wxyz, psi). The attitude S1 is then the product of the initial attitude and the rotation matrix of
             quat_wxyz, in this order. "fixed": body 1 does not move, and qpos is (psi).
@@ -226,8 +227,12 @@ def to_mjcf(
     at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
     limits = hinge_load.stops or pair.limits
     joint_attributes: dict[str, Any] = {"range": limits} if limits else {}
-    if pair.torque_limit:  # MuJoCo refuses a range of 0
+    if pair.torque_limit:
         joint_attributes["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
+    elif pair.torque_limit is not None:  # MuJoCo refuses a range of 0
+        warn_of_dynamics(
+            "MJCF cannot hold torque_limit = 0: left out, so that the torque at the hinge is not limited"
+        )
     if hinge_load.stiffness:
         joint_attributes |= {"stiffness": hinge_load.stiffness, "springref": hinge_load.rest}
     joint_attributes |= {"damping": hinge_load.damping} if hinge_load.damping else {}
