@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
-from hingepair.scenes.logged_motion import COLUMN_NAMES_BY_LOG_ARRAY, PAIR_LOG_COLUMN_NAMES
+from hingepair.scenes.logged_motion import COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME, PAIR_LOG_COLUMN_NAMES
 from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_TABLE_KEYS
 from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_NAMES
 from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
@@ -90,7 +90,7 @@ WORDS = (
     *BUILTIN_CONSTANT_VALUE_BY_NAME,
     *WAY_POINT_PROFILE_NAMES,
     *SPATIAL_PAIR_TABLE_KEYS,
-    *COLUMN_NAMES_BY_LOG_ARRAY,
+    *COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,
     *SPATIAL_DYNAMICS_KEYS,
     *MECHANISM_TABLE_KEYS,
     *JOINT_TABLE_KEYS,

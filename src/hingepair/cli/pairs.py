@@ -24,7 +24,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_SUFFIXES
 from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
-from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_KIND, DynamicsSetup
+from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_NAME, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
 
@@ -187,7 +187,7 @@ def urdf_command(
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, input_files(source))
-    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE_KIND} else "free")
+    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE_NAME} else "free")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
     text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
     written = {"damping", "friction", "stops", *(_BODY1_START_POSE_KEYS if base == "fixed" else ())}
@@ -215,7 +215,7 @@ def mjcf_command(
         return write_text(
             to_mjcf(_to_spatial(pair), base="fixed" if fixed_base else "free"), out, input_files(source)
         )
-    base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE_KIND else setup.base
+    base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE_NAME else setup.base
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in hinge_keys})
     gravity_vector = setup.others.get(
@@ -227,7 +227,7 @@ def mjcf_command(
         *hinge_keys,
         "gravity",
         *_BODY1_START_POSE_KEYS,
-        *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE_KIND else ()),
+        *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE_NAME else ()),
     }
     return write_text(_add_omission_comment("MJCF", text, setup, written), out, input_files(source))
 

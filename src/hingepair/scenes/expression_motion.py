@@ -29,7 +29,7 @@ from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
-DEFAULT_INTEGRATED_ANGLE_TOL: Final = 1e-12
+_DEFAULT_INTEGRATED_ANGLE_TOLERANCE_RAD: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
 
@@ -172,7 +172,7 @@ def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
     arrays |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     arrays |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
     signals = _signal("omega1", turning), _signal("psi_dot", hinge)
-    tol = table.number("tol", DEFAULT_INTEGRATED_ANGLE_TOL)
+    tol = table.number("tol", _DEFAULT_INTEGRATED_ANGLE_TOLERANCE_RAD)
     return integrate_motion(table, t, signals, arrays, tol, planar=planar, functions=(turning, hinge, point))
 
 

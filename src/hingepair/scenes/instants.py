@@ -139,7 +139,9 @@ def read_instants(time: Table) -> UniformInstants:
     """Return the UniformInstants that the keys start, stop and samples of the Table [time] define. Raise a SceneError
     for other keys and bad values.
     """
-    start, stop, samples = time.read(_READER_BY_TIME_KEY, required=_READER_BY_TIME_KEY).values()
+    start, stop, samples = time.read(
+        _READER_FUNCTION_BY_TIME_TABLE_KEY, required=_READER_FUNCTION_BY_TIME_TABLE_KEY
+    ).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
@@ -171,7 +173,7 @@ def _read_sample_count(time: Table, key: str) -> int:
     return value
 
 
-_READER_BY_TIME_KEY: Final[Mapping[str, Key]] = {
+_READER_FUNCTION_BY_TIME_TABLE_KEY: Final[Mapping[str, Key]] = {
     "start": Table.number,
     "stop": Table.number,
     "samples": _read_sample_count,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER = (
+_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = (
     ("R1", "S1", "psi"),
     ("v1", "omega1", "psid"),
     ("a1", "alpha1", "psidd"),
@@ -136,13 +136,15 @@ class MotionByCoordinates:
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
             return MotionByBody1(body1, tuple(hinge))
-        names = [name for part in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1] for name in part[:2]]
+        names = [
+            name for part in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1] for name in part[:2]
+        ]
         arrays = self.forward_kinematics(pair, tuple(names)).arrays()
         return motion_by_body1(
             arrays
             | {
                 part[2]: self._column(i, -1)
-                for i, part in enumerate(_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1])
+                for i, part in enumerate(_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1])
             }
         )
 
@@ -225,7 +227,7 @@ class MotionByBody1:
         """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
         0, velocities and psi' for 1, accelerations and psi'' for 2.
         """
-        place, turning, angle = _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[order]
+        place, turning, angle = _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[order]
         body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
             body1_arrays[turning] = getattr(self.body1, turning[:-1])
@@ -300,16 +302,18 @@ def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
     psidd. Its derivatives go up to the highest order of which all three arrays are present.
     """
     level = max(
-        i for i, names in enumerate(_BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER) if array_by_name.keys() >= {*names}
+        i
+        for i, names in enumerate(_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
+        if array_by_name.keys() >= {*names}
     )
     arrays = {
         name[:-1]: array_by_name[name]
-        for names in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: level + 1]
+        for names in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: level + 1]
         for name in names[:2]
     }
     return MotionByBody1(
         BodyMotion(**arrays),
-        tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_NAMES_BY_DERIVATIVE_ORDER[: level + 1]),
+        tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: level + 1]),
     )
 
 

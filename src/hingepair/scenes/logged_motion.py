@@ -43,7 +43,7 @@ from hingepair.scenes.tables import NamedSource, Table
 FINITE_DIFFERENCE_ACCURACY_ORDER: Final = 6
 """Order of the error of derivatives by finite differences, in the step between samples."""
 
-COLUMN_NAMES_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
+COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
@@ -52,7 +52,7 @@ COLUMN_NAMES_BY_LOG_ARRAY: Final[dict[str, tuple[str, ...]]] = {
 }
 """Names of the columns of each array that a log may have."""
 PAIR_LOG_COLUMN_NAMES: Final = tuple(
-    dict.fromkeys(("t", *(column for own in COLUMN_NAMES_BY_LOG_ARRAY.values() for column in own)))
+    dict.fromkeys(("t", *(column for own in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME.values() for column in own)))
 )
 """Names of all columns that a log of a pair may have: t and the columns of the arrays."""
 
@@ -87,20 +87,20 @@ class LogLayout(NamedTuple):
 
 
 _PAIR_LOG_LAYOUT: Final = LogLayout(
-    COLUMN_NAMES_BY_LOG_ARRAY,
+    COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,
     PAIR_LOG_COLUMN_NAMES,
     frozenset({"phi", "psi"}),
     frozenset({*SPATIAL_MOTION_KIND.levels, *PLANAR_MOTION_KIND.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
-_POSITION_NAMES_BY_DERIVATIVE_ORDER = ("R1", "v1", "a1")
+_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER = ("psi", "psid", "psidd")
+_HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
+_EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
-_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
+_QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 _MIN_DERIVATIVE_NOISE_TO_RMS_FOR_SMOOTHING_HINT: Final = 0.1
 """Ratio of the noise of a derivative to its root mean square above which a note recommends smoothing."""
@@ -158,8 +158,8 @@ def _velocity_frame(table: Table, log: Log) -> str:
     """
     rates = [
         column
-        for name in _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[1:]
-        for column in COLUMN_NAMES_BY_LOG_ARRAY[name]
+        for name in _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[1:]
+        for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name]
         if column in log.columns
     ]
     if "frame" in table.values and not rates:
@@ -312,7 +312,7 @@ class Log(NamedSource):
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
             S = self.rotations(array)
-            with self.naming(", ".join(COLUMN_NAMES_BY_LOG_ARRAY[name])):
+            with self.naming(", ".join(COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name])):
                 omega, alpha = angular_velocity_from_samples(
                     self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER, with_alpha=True
                 )
@@ -384,21 +384,29 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     columns.
     """
     attitude = _attitude_names(log)
-    if attitude is _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:
+    if attitude is _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {
         names: log.quantity_and_rates(names)
-        for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
+        for names in (
+            _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+            attitude,
+            _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+        )
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
     for name in (
-        *(COLUMN_NAMES_BY_LOG_ARRAY["phi"] if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER else ()),
+        *(
+            COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"]
+            if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER
+            else ()
+        ),
         "psi",
     ):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
-    if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER:
+    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
         rows = tuple(_seven_coordinates([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
         source, how = MotionByCoordinates(log.t.size, rows, sequence), euler_axes_phrase(sequence)
     else:
@@ -406,7 +414,9 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            rate_names = [name for name in _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[start:] if name in arrays]
+            rate_names = [
+                name for name in _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[start:] if name in arrays
+            ]
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
@@ -426,8 +436,12 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "t",
         *(
             column
-            for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
-            for column in COLUMN_NAMES_BY_LOG_ARRAY.get(names[0], names[:1])
+            for names in (
+                _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+                attitude,
+                _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+            )
+            for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME.get(names[0], names[:1])
         ),
     }
     for column in log.columns:
@@ -436,13 +450,22 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
     table.check_keys(
-        ("file", "ignore", "smooth", *(("sequence",) if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER else ()))
+        (
+            "file",
+            "ignore",
+            "smooth",
+            *(("sequence",) if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER else ()),
+        )
     )
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
-        for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, attitude, _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
+        for names in (
+            _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+            attitude,
+            _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+        )
     )
-    if attitude is _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER:
+    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
@@ -450,7 +473,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         warnings.simplefilter("always", MeasurementWarning)
         body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER}
+    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -478,8 +501,11 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     stays at the origin. Start values, axes and method are read from the Table [motion]. Raise a SceneError for
     columns other than rates and R1, and for rates that are not finite.
     """
-    rates = (_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER[1:], _HINGE_ANGLE_NAMES_BY_DERIVATIVE_ORDER[1:])
-    quantities = (name for names in (_POSITION_NAMES_BY_DERIVATIVE_ORDER, *rates) for name in names)
+    rates = (
+        _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[1:],
+        _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER[1:],
+    )
+    quantities = (name for names in (_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
@@ -489,13 +515,14 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
         name, array = next(iter(part.items()))
         log.check_finite(name, array, "integrated")
     position = log.quantity_and_rates(
-        _POSITION_NAMES_BY_DERIVATIVE_ORDER,
+        _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
         required=any(
-            column in log.columns for column in (*COLUMN_NAMES_BY_LOG_ARRAY["v1"], *COLUMN_NAMES_BY_LOG_ARRAY["a1"])
+            column in log.columns
+            for column in (*COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["v1"], *COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["a1"])
         ),
     )
     if not position:
-        position = dict.fromkeys(_POSITION_NAMES_BY_DERIVATIVE_ORDER, np.zeros((log.t.size, 3)))
+        position = dict.fromkeys(_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column, since the log has x (or differentiate = true)", "no such column")
     _velocity_frame(table, log)
@@ -516,19 +543,21 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
     """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions. Raise a
     SceneError if the log has both or neither.
     """
-    euler = any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["phi"])
+    euler = any(column in log.columns for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"])
     attitude_names, other_names = (
-        (_EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER, _QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER)
+        (_EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER, _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
         if euler
-        else (_QUATERNION_AND_RATE_NAMES_BY_DERIVATIVE_ORDER, _EULER_ANGLE_NAMES_BY_DERIVATIVE_ORDER)
+        else (_QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER, _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
     )
-    if not euler and not any(column in log.columns for column in COLUMN_NAMES_BY_LOG_ARRAY["quat_xyzw"]):
+    if not euler and not any(column in log.columns for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
-    for column in (column for name in other_names for column in COLUMN_NAMES_BY_LOG_ARRAY[name]):
+    for column in (column for name in other_names for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name]):
         if column in log.columns:
             log.refuse(
-                column, f"no such column in a log with {COLUMN_NAMES_BY_LOG_ARRAY[attitude_names[0]][0]}", "a column"
+                column,
+                f"no such column in a log with {COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[attitude_names[0]][0]}",
+                "a column",
             )
     return attitude_names
 

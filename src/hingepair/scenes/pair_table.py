@@ -44,15 +44,15 @@ def _read_shape(table: Table) -> Shape:
     """Return the Box, Cylinder or Sphere of a table. Raise a SceneError unless it has exactly one of the keys box,
     cylinder, sphere.
     """
-    named = [kind for kind in _CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND if kind in table.values]
+    named = [kind for kind in _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY if kind in table.values]
     if len(named) != 1:
         table.refuse(
             "",
-            f"one of {', '.join(_CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND)}",
+            f"one of {', '.join(_CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY)}",
             ", ".join(named) or "none of them",
         )
     (kind,) = named
-    make, size, keys = _CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND[kind]
+    make, size, keys = _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return construct_from_table(table, make, {size: values.pop(kind), **values})
 
@@ -62,11 +62,11 @@ def read_body(table: Table, key: str) -> Body:
     SceneError for bad keys or values.
     """
     body_table = table.table(key)
-    return construct_from_table(body_table, Body, body_table.read(READER_BY_BODY_KEY))
+    return construct_from_table(body_table, Body, body_table.read(READER_FUNCTION_BY_BODY_TABLE_KEY))
 
 
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
-_CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND: Final[
+_CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY: Final[
     Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
 ] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
@@ -77,25 +77,25 @@ _CLASS_SIZE_NAME_AND_KEY_READERS_BY_SHAPE_KIND: Final[
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
-READER_BY_BODY_KEY: Final[Mapping[str, Key]] = {
+READER_FUNCTION_BY_BODY_TABLE_KEY: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers_key(3),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_READER_BY_BODY_NAME: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_READER_FUNCTION_BY_BODY_NAME: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
-_READER_BY_ROBOT_HINGE_KEY: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_READER_FUNCTION_BY_ROBOT_HINGE_KEY: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
-_READER_BY_PLANAR_PAIR_KEY: Final[Mapping[str, Key]] = {
+_READER_FUNCTION_BY_PLANAR_PAIR_KEY: Final[Mapping[str, Key]] = {
     "u1": numbers_key(2),
     "u2": numbers_key(2),
     "name": Table.text,
-    **_READER_BY_BODY_NAME,
+    **_READER_FUNCTION_BY_BODY_NAME,
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
-READER_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
+READER_FUNCTION_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
     **{
         "u1": numbers_key(3),
         "u2": numbers_key(3),
@@ -103,10 +103,10 @@ READER_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
         "home": Table.rotation,
         "limits": numbers_key(2),
     },
-    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_READER_BY_BODY_NAME},
+    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_READER_FUNCTION_BY_BODY_NAME},
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_BY_SPATIAL_PAIR_KEY, *_READER_BY_ROBOT_HINGE_KEY)
+SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_FUNCTION_BY_SPATIAL_PAIR_KEY, *_READER_FUNCTION_BY_ROBOT_HINGE_KEY)
 """Keys that the table [pair] of a pair in space may have."""
 
 
@@ -117,20 +117,26 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return construct_from_table(table, PlanarPair, name | table.read(_READER_BY_PLANAR_PAIR_KEY, ("u1", "u2")))
-    table.check_keys(SPATIAL_PAIR_TABLE_KEYS)
-    if not table.values.keys() & _READER_BY_ROBOT_HINGE_KEY:
         return construct_from_table(
-            table, HingePair, name | table.read(READER_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n"))
+            table, PlanarPair, name | table.read(_READER_FUNCTION_BY_PLANAR_PAIR_KEY, ("u1", "u2"))
+        )
+    table.check_keys(SPATIAL_PAIR_TABLE_KEYS)
+    if not table.values.keys() & _READER_FUNCTION_BY_ROBOT_HINGE_KEY:
+        return construct_from_table(
+            table, HingePair, name | table.read(READER_FUNCTION_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n"))
         )
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}:
+        if key not in {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_NAME}:
             table.fail(key, "no such key together with robot: robot, joint, body1 and body2 describe the pair")
-    values = table.read({**_READER_BY_ROBOT_HINGE_KEY, **_READER_BY_BODY_NAME}, _READER_BY_ROBOT_HINGE_KEY)
+    values = table.read(
+        {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_NAME}, _READER_FUNCTION_BY_ROBOT_HINGE_KEY
+    )
     return replace(
-        construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _READER_BY_ROBOT_HINGE_KEY}),
+        construct_from_table(
+            table, load_robot_hinge, {key: values.pop(key) for key in _READER_FUNCTION_BY_ROBOT_HINGE_KEY}
+        ),
         **values,
     )
 

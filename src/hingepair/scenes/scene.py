@@ -48,15 +48,18 @@ if TYPE_CHECKING:
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
-_PAIR_SCENE_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
+_PAIR_SCENE_TOP_LEVEL_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
 """Keys and tables that the file of a scene of a pair may have."""
-_MECHANISM_SCENE_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
+_MECHANISM_SCENE_TOP_LEVEL_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
 COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
-_ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT: Final = {"quat1": "S1", "quat2": "S2"}
+_ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (*COORDINATE_OUTPUT_NAMES, *_ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT)
+COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (
+    *COORDINATE_OUTPUT_NAMES,
+    *_ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME,
+)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -158,8 +161,8 @@ class SceneResult(Frozen, Result):
         """Return the components of the output `name` (q, qd, qdd, psi, psid, psidd, quat1 or quat2) as a dict of
         arrays (samples,) by column name; empty if the output was not computed.
         """
-        if name in _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT:
-            S = getattr(self.state, _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT[name], None)
+        if name in _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME:
+            S = getattr(self.state, _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
         if _output_level(name) > self.known.level:
             return {}
@@ -517,7 +520,7 @@ class Scene(SampledScene):
         if names is None:
             return None, self.motion.level
         equation_outputs = (
-            _ATTITUDE_OUTPUT_BY_QUATERNION_OUTPUT.get(name, name)
+            _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME.get(name, name)
             for name in names
             if name not in COORDINATE_OUTPUT_NAMES
         )
@@ -666,11 +669,11 @@ def with_constants_evaluated(tables: Table) -> Table:
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if _is_of_mechanism(tables):
         for key in tables.values:
-            if key in _PAIR_SCENE_KEYS and key not in _MECHANISM_SCENE_KEYS:
+            if key in _PAIR_SCENE_TOP_LEVEL_KEYS and key not in _MECHANISM_SCENE_TOP_LEVEL_KEYS:
                 tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_MECHANISM_SCENE_KEYS)
+        tables.check_keys(_MECHANISM_SCENE_TOP_LEVEL_KEYS)
     else:
-        tables.check_keys((*_PAIR_SCENE_KEYS, "mechanism", "joint"))
+        tables.check_keys((*_PAIR_SCENE_TOP_LEVEL_KEYS, "mechanism", "joint"))
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
     value_by_name: dict[str, Any] = {}

@@ -37,19 +37,23 @@ from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions
 
-PRESCRIBED_BASE_KIND: Final = "prescribed"
+PRESCRIBED_BASE_NAME: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
-_HINGE_VARIABLE_NAMES: Final = ("psi", "psid")
+_HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS: Final = ("psi", "psid")
 """Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""
-_HINGE_LOAD_KEYS: Final = (
+_NUMBER_VALUED_HINGE_LOAD_KEYS: Final = (
     *("stiffness", "rest", "damping", "friction", "friction_rate"),
     *("stop_stiffness", "stop_damping", "stop_restitution"),
 )
 """Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
 _BODY1_START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 """Keys of [dynamics] for the state of body 1 at the first instant."""
-_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
+_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS: Final = {
+    "body1": "R1_0",
+    "body1.v": "v1_0",
+    "body1.omega": "omega1_0",
+}
 """Keys by the arguments of `simulate` that they become."""
 
 
@@ -57,19 +61,19 @@ def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
     """Return the values under keys of a Table: a list of floats, or, if any is an expression in t, psi or psid, a
     callable of (t, psi, psid) that returns all values. Raise a SceneError for a value that is neither.
     """
-    constants = {**table.constants, **dict.fromkeys(_HINGE_VARIABLE_NAMES, 0.0)}
+    constants = {**table.constants, **dict.fromkeys(_HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS, 0.0)}
     expressions = []
     for key in keys:
         value = table.values.get(key)
         with table.naming(key):
             expressions.append(
-                parse_expression(key, value, constants, _HINGE_VARIABLE_NAMES)
+                parse_expression(key, value, constants, _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS)
                 if isinstance(value, str)
                 else exact(table.number(key))
             )
     with table.naming():
         if any(expression.free_symbols for expression in expressions):
-            return TimeFunctions(expressions, keys, _HINGE_VARIABLE_NAMES).values
+            return TimeFunctions(expressions, keys, _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS).values
         return [constant_value(expression) for expression in expressions]
 
 
@@ -125,12 +129,16 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
     return {
         **({"phi_0": Table.number} if dimension == 2 else {"S1_0": Table.rotation}),
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
-        **{"hinge_torque": _read_hinge_torque, "stops": _read_stops, **dict.fromkeys(_HINGE_LOAD_KEYS, Table.number)},
+        **{
+            "hinge_torque": _read_hinge_torque,
+            "stops": _read_stops,
+            **dict.fromkeys(_NUMBER_VALUED_HINGE_LOAD_KEYS, Table.number),
+        },
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
         **{
             "tol": Table.number,
             "breaks": _read_instants,
-            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED_BASE_KIND)),
+            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED_BASE_NAME)),
         },
     }
 
@@ -167,19 +175,21 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     others = table.read(_dynamics_key_readers(2 if planar else 3))
     base = others.pop("base", SIMULATION_BASE_NAMES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _BODY1_START_KEYS if key in others}
-    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
+    hinge: dict[str, Any] = {
+        key: others.pop(key) for key in (*_NUMBER_VALUED_HINGE_LOAD_KEYS, "stops") if key in others
+    }
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
             table.fail("stops", "[lower, upper], or true of a pair that has limits")
-    if base == PRESCRIBED_BASE_KIND:
+    if base == PRESCRIBED_BASE_NAME:
         for key in start:
             table.fail(
                 key,
-                f"no such key together with base = {PRESCRIBED_BASE_KIND!r}: [motion] prescribes body 1",
+                f"no such key together with base = {PRESCRIBED_BASE_NAME!r}: [motion] prescribes body 1",
             )
-    body1 = None if base == PRESCRIBED_BASE_KIND else _read_body1_start(table, start, planar)
-    for letter in _HINGE_VARIABLE_NAMES:
+    body1 = None if base == PRESCRIBED_BASE_NAME else _read_body1_start(table, start, planar)
+    for letter in _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS:
         if letter in table.constants:
             meaning = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
             NamedSource(table.file, "motion.constants").refuse(letter, f"another name: {meaning}", repr(letter))
@@ -197,14 +207,14 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
             expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
             NamedSource(table.file, "pair").refuse(name, expected, "nothing")
     base: Any = kind
-    if kind == PRESCRIBED_BASE_KIND:
+    if kind == PRESCRIBED_BASE_NAME:
         base = _prescribed_body1(motion, pair)
     else:
         motion.check_keys(("constants",))
     t = read_instants_array(time)
     angles = arguments.pop("psi_0", 0.0), arguments.pop("psid_0", 0.0)
     try:
-        with table.naming(**_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT), warnings.catch_warnings():
+        with table.naming(**_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "psi (leaves|passes)", DynamicsWarning)  # the scene's notes say it
             torque = HingeLoad(motor=arguments.pop("hinge_torque", 0.0), **hinge)
             simulated = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **arguments)

@@ -22,13 +22,15 @@ MAX_DOTTED_KEY_PARTS: Final = 16
 """Largest number of parts of a dotted key; the time to read one grows with its square."""
 
 # One part of a dotted key, bare or in quotes, and the dot behind it; possessive, so that time stays linear.
-_DOTTED_KEY_PART_AND_DOT_PATTERN = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
+_TOML_KEY_PART_AND_OPTIONAL_DOT_PATTERN = re.compile(
+    r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+"""
+)
 
 # Line and column in a message of the TOML parser.
 _TOML_ERROR_POSITION_PATTERN = re.compile(r"\(at line (\d+), column (\d+)\)")
-_TOML_BARE_VALUE_PATTERN = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
+_TOML_SEPARATOR_AND_BARE_VALUE_PATTERN = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
 # Bare text with a letter or an operator: an expression whose quotes are missing.
-_UNQUOTED_EXPRESSION_PATTERN = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
+_BARE_TOML_VALUE_LIKE_EXPRESSION_PATTERN = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
@@ -322,13 +324,17 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
         return SceneError(file, "valid TOML", reason)
     column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
     value = next(
-        (match for match in _TOML_BARE_VALUE_PATTERN.finditer(line) if match.start() < column <= match.end() + 1),
+        (
+            match
+            for match in _TOML_SEPARATOR_AND_BARE_VALUE_PATTERN.finditer(line)
+            if match.start() < column <= match.end() + 1
+        ),
         None,
     )
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
         hint = f"; it is written {word.lower()}"
-    elif len(word) <= _shown.maxstring and _UNQUOTED_EXPRESSION_PATTERN.fullmatch(word):
+    elif len(word) <= _shown.maxstring and _BARE_TOML_VALUE_LIKE_EXPRESSION_PATTERN.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)
     error.add_note(line_with_caret(line, column))
@@ -354,7 +360,7 @@ def _check_key_parts(file: str, text: str) -> None:
     which the TOML parser would take too long to read.
     """
     end, parts = 0, 0
-    for part in _DOTTED_KEY_PART_AND_DOT_PATTERN.finditer(text):
+    for part in _TOML_KEY_PART_AND_OPTIONAL_DOT_PATTERN.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1
         end = part.end()
         if parts > MAX_DOTTED_KEY_PARTS:

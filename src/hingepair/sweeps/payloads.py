@@ -32,7 +32,7 @@ from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.scenes.mechanisms.mechanism_table import with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.pair_table import READER_BY_BODY_KEY, construct_from_table
+from hingepair.scenes.pair_table import READER_FUNCTION_BY_BODY_TABLE_KEY, construct_from_table
 from hingepair.scenes.tables import Table
 
 # Row and column of each of the six second moments in a 3 x 3 matrix, in the order of the moments.
@@ -281,7 +281,7 @@ def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedP
     """Return the _VariedPayload with the body that a table describes and the given varied properties. Raise a
     SceneError if the table does not describe a body.
     """
-    values = table.read(READER_BY_BODY_KEY, ("mass",))
+    values = table.read(READER_FUNCTION_BY_BODY_TABLE_KEY, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(
         construct_from_table(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied

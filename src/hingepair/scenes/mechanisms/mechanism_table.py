@@ -16,7 +16,11 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.pair_table import READER_BY_BODY_KEY, READER_BY_SPATIAL_PAIR_KEY, construct_from_table
+from hingepair.scenes.pair_table import (
+    READER_FUNCTION_BY_BODY_TABLE_KEY,
+    READER_FUNCTION_BY_SPATIAL_PAIR_KEY,
+    construct_from_table,
+)
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
 _ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
@@ -25,9 +29,18 @@ MECHANISM_TABLE_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravi
 """Keys that the table [mechanism] may have."""
 JOINT_CLASS_BY_KIND: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Class of a joint by the kind that its [[joint]] table names."""
-JOINT_TABLE_KEYS: Final = ("name", "parent", "kind", *(key for key in READER_BY_SPATIAL_PAIR_KEY if key != "name"))
+JOINT_TABLE_KEYS: Final = (
+    "name",
+    "parent",
+    "kind",
+    *(key for key in READER_FUNCTION_BY_SPATIAL_PAIR_KEY if key != "name"),
+)
 """Keys that a table [[joint]] may have."""
-_READER_BY_FRAME_KEY: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers_key(3), "S": Table.rotation}
+_READER_FUNCTION_BY_FRAME_TABLE_KEY: Final[Mapping[str, Key]] = {
+    "link": Table.text,
+    "R": numbers_key(3),
+    "S": Table.rotation,
+}
 """Keys of a frame and their readers: its link, and its position [m] and attitude in the link."""
 
 
@@ -163,7 +176,7 @@ def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )
     pair: HingePair | Slider = construct_from_table(
-        table, kind, {**described.read(READER_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n")), "name": name}
+        table, kind, {**described.read(READER_FUNCTION_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n")), "name": name}
     )
     return pair
 
@@ -175,7 +188,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     frames = table.table("frames", required=False)
     for name in frames.values:
         frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_READER_BY_FRAME_KEY, ("link",))
+        values: dict[str, Any] = frame.read(_READER_FUNCTION_BY_FRAME_TABLE_KEY, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():
@@ -193,7 +206,7 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
         if "link" in described.values:
             meant = f"[mechanism.payload.{described.text('link')}]"
             described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
-        body = construct_from_table(described, Body, described.read(READER_BY_BODY_KEY, ("mass",)))
+        body = construct_from_table(described, Body, described.read(READER_FUNCTION_BY_BODY_TABLE_KEY, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot
