@@ -135,9 +135,9 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError if it is a single string or no
-    iterable, or if a name is not u1, u2, n (if the pair has it) or one of `constants`, the names of the scene's
-    constants.
+    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError if it is a single string or not an
+    iterable, or if a name is not u1, u2, n (if the pair has an axis n) or one of `constants`, the names of the
+    scene's constants.
     """
     allowed_names = (*(key for key in ALLOWED_SYMBOLIC_CONSTANT_NAMES if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
@@ -154,8 +154,9 @@ def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
     """Return the exact u1, u2, n and home that the table [pair] of a scene file has, as a dict of flat tuples of
-    SymPy expressions; home has nine, row by row. `tables` is the file's top-level Table. Leave out values that differ
-    from the floats of `pair`. The constants named in `symbolic_constants` stay symbols.
+    SymPy expressions by key; home has nine entries, row by row. `tables` is the file's top-level Table. Leave out
+    values that differ from the floats of `pair`, and an axis n in plain numbers. The constants named in
+    `symbolic_constants` stay symbols.
 
     Someone may have given the scene another pair (`dataclasses.replace`).
     """

@@ -51,7 +51,7 @@ _DESCRIPTION_BY_PLAN_STEP_NAME = {
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
     """Plan of a pair's scene: its outputs, the computed steps (name, and whether once or at each instant), the
-    skipped work with reasons, and the number of operations. `str` gives it as text.
+    skipped work with reasons, and the number of operations. `str` returns the plan as text.
 
     Attributes:
         outputs: names of the outputs.
@@ -81,8 +81,8 @@ def explain(
     pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
     """Return the ScenePlan for outputs of a pair's motion, without computing them. `motion` is a KnownMotion with the
-    needed derivatives; `outputs` None means all of body 2. `motion_level` is the highest derivative order (0 to 2)
-    that the scene's motion has.
+    derivatives that they need. `outputs` are names that exist for the pair; None means all outputs of body 2.
+    `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
     """
     kind = PLANAR_MOTION_KIND if isinstance(pair, PlanarPair) else SPATIAL_MOTION_KIND
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()

@@ -54,8 +54,8 @@ class FunctionsOfTime:
         return () if len(self.names) == 1 else (len(self.names),)
 
     def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
-        """Return (values, first derivatives, ...) at t up to `order`. The entry of each order is a tuple with one
-        array or float per function. At a kink, return the derivatives from the right.
+        """Return (values, first derivatives, ...) at the instants t up to `order`. The entry of each order is a tuple
+        with one array or float per function. At a kink, return the derivatives from the right.
         """
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
@@ -156,9 +156,9 @@ def read_coordinate_functions(
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
     """Return the Motion at the instants t found by integrating (E12) the angular velocity omega1 and the hinge rate
-    psi_dot of a Table. These and the position of body 1 are functions of t. `planar` True means a motion in the
-    plane, where omega1 is one function. Raise a SceneError for unknown keys and bad values, or if a tolerance that
-    the Table names is missed.
+    psi_dot. The Table [motion] gives these rates and the position of body 1 as functions of t. `planar` True means a
+    motion in the plane, where omega1 is one function. Raise a SceneError for unknown keys and bad values, or if a
+    tolerance that the table gives is missed.
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))
@@ -181,8 +181,8 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
-    """Return the keys `names` of a table as FunctionsOfTime. Raise a SceneError for a value that is no function, or
-    for an expression that is nowhere real and finite.
+    """Return the keys `names` of a table as FunctionsOfTime. Raise a SceneError for a value that is not a function,
+    or for an expression that is nowhere real and finite.
     """
     functions = FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
     with table.naming():

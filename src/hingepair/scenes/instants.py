@@ -117,8 +117,8 @@ class SampledScene(Shown, abc.ABC):
 
     @property
     def backend(self) -> str:
-        """Name of the backend that computes every block of a long motion, so that blocks and the whole agree to the
-        bit.
+        """Name of the backend that computes the scene: "auto" if its instants fit into one block, otherwise
+        "compiled" or "numpy" for every block, so that blocks and the whole agree to the bit.
         """
         return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
@@ -150,7 +150,7 @@ def read_instants(time: Table) -> UniformInstants:
 
 
 def read_instants_array(time: Table) -> Float64Array:
-    """Return the instants of the table [time] as a read-only array; shape (samples,) s. Raise a SceneError for bad
+    """Return the instants of the Table [time] as a read-only array; shape (samples,) s. Raise a SceneError for bad
     values or more instants than may be held in memory.
     """
     t = read_instants(time)

@@ -149,8 +149,9 @@ class MotionByCoordinates:
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 of a pair in space as a dict of arrays. If first derivatives are known, add omega1,
-        omega2, psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
+        """Return R1, S1, R2, S2 of a pair as a dict of arrays in space; those of a planar pair lie in the plane z =
+        0. If first derivatives are known, add omega1, omega2, psid and W1, the size [rad/s] relative to which errors
+        of omega1 are measured.
         """
         if self.sequence:
             arrays = self.forward_kinematics(
@@ -271,8 +272,8 @@ class MotionByBody1:
         return self
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 of a pair as a dict of arrays. If first derivatives are known, add omega1, omega2,
-        psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
+        """Return R1, S1, R2, S2 of a HingePair as a dict of arrays. If first derivatives are known, add omega1,
+        omega2, psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if not self.level:
             return self.forward_kinematics(pair, _BOTH_BODIES_POSE_OUTPUT_NAMES).arrays()

@@ -144,10 +144,10 @@ class LogNoise:
 
 
 def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tuple[float, float]:
-    """Return (first, second): the standard deviations of the noise in the first and second derivative of samples by
-    finite differences whose error is of the given order. Both are 0 if the noise of the samples is no more than
-    rounding, or if there are too few samples to tell. For columns (N, k) a deviation is the rms over all columns; for
-    rotations (N, 3, 3) it is the deviation of angles [rad].
+    """Return (first, second): the standard deviations of the noise in the first and second derivative of `samples` at
+    the instants t. The derivatives are finite differences whose error is of the given order. Both deviations are 0 if
+    the noise of the samples is no more than rounding, or if there are too few samples to tell. For columns (N, k) a
+    deviation is the rms over all columns; for rotations (N, 3, 3) it is the deviation of angles [rad].
     """
     rows = noise_rows(t.size)
     t, samples = t[rows] - t[rows.start], samples[rows]

@@ -380,8 +380,8 @@ class Log(NamedSource):
 def _read_stated_motion(table: Table, log: Log) -> Motion:
     """Return the Motion of a Log's position, attitude and psi, with derivatives up to the highest order that the log
     has. The keys `sequence` and `frame` are read from the Table [motion]; angular velocities are converted to world
-    axes. Raise a SceneError if a quantity lacks a derivative of that order, or for a key that does not fit the
-    columns.
+    axes. Append sentences on suspicious angles and on noise to the notes of the log. Raise a SceneError if a quantity
+    lacks a derivative of that order, or for a key that does not fit the columns.
     """
     attitude = _attitude_names(log)
     if attitude is _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:
@@ -428,8 +428,8 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
 
 def _read_smoothed_motion(table: Table, log: Log) -> Motion:
     """Return the Motion found by smoothing a Log's position, attitude and psi, with first and second derivatives. The
-    Euler sequence is read from the Table [motion]. Raise a SceneError for any other column. Warnings of the smoothing
-    become notes.
+    Euler sequence is read from the Table [motion]. Raise a SceneError for a column or a key that smoothing does not
+    use. Warnings of the smoothing become notes.
     """
     attitude = _attitude_names(log)
     read = {

@@ -40,9 +40,10 @@ class PairMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at the instants `t` of a scene; `source` gives it at some of them. `origin`, `how`, `doubt`,
-    `hint` and `notes` are texts for reports, and `errors` has lazy error estimates by unit. `functions`, `simulated`,
-    `stops` and `derived` tell of the functions of t, the simulation or the log that the motion comes from.
+    """Motion of a pair at the instants `t` of a scene; `source` gives the motion at some of them. `origin`, `how`,
+    `doubt`, `hint` and `notes` are texts for reports, and `errors` has lazy error estimates by unit. `functions`,
+    `simulated`, `stops` and `derived` describe the functions of t, the simulation or the log that the motion comes
+    from.
 
     Attributes:
         t: instants [s].
@@ -94,8 +95,8 @@ class Motion:
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals with a kink or a jump of a function of t. Only the intervals that end at the instants
-        with the indices start to stop - 1 are counted.
+        """Return the number of intervals between neighbouring instants in which a function of t has a kink or a jump.
+        Only the intervals that end at the instants with the indices start to stop - 1 are counted.
         """
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
@@ -110,8 +111,8 @@ class Motion:
 
 
 class LimitCounter:
-    """Counter of the instants at which a quantity is outside its limits: `add` takes values, `sentences` tells of the
-    excess. The attributes `least` and `most` are the extremes of all values.
+    """Counter of the instants at which a quantity is outside its limits: `add` takes values, and `sentences` yields a
+    sentence on the instants outside. The attributes `least` and `most` are the minimum and the maximum of all values.
 
     Args:
         shown: name of the quantity in the sentence.

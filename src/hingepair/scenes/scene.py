@@ -385,7 +385,7 @@ class Scene(SampledScene):
 
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
         """Compare the equations of body 2's motion with Pinocchio at `max_instants` evenly spread instants, by
-        default at all; return a CrossValidation. Of a simulated motion, compare forces and rates too. Raise a
+        default at all; return a CrossValidation. For a simulated motion, compare forces and rates too. Raise a
         MissingDependencyError if Pinocchio is not installed.
 
         For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
@@ -426,8 +426,9 @@ class Scene(SampledScene):
         return replace(report, forces=forces, rates=rates)
 
     def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return a tuple of sentences for a comparison with Pinocchio: that errors of the motion are unknown, or that
-        they exceed the bound of the comparison. `u` is the unit roundoff.
+        """Return a tuple of at most two sentences for a comparison with Pinocchio. They say that errors of the motion
+        are unknown, or that errors exceed the bound of the comparison; otherwise the tuple is empty. `u` is the unit
+        roundoff.
         """
         from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
@@ -481,7 +482,7 @@ class Scene(SampledScene):
 
     def notes(self) -> tuple[str, ...]:
         """Evaluate the whole motion, and return a tuple of sentences for readers of the results: on psi and its rate
-        outside their limits, on kinks, and on angles that look like degrees.
+        outside their limits, on kinks, on angles that look like degrees, and on doubts about the motion itself.
         """
         notes = self.note_collector()
         for block in self.blocks(("psi",)):
@@ -528,8 +529,9 @@ class Scene(SampledScene):
 
 
 class SceneNoteCollector:
-    """Collector of notes on a pair's scene that is evaluated in blocks: `add` takes the result of a block, and
-    `sentences` returns the notes on exceeded limits, kinks and angles that look like degrees.
+    """Collector of notes on a pair's scene that is evaluated in blocks. `add` takes the result of a block.
+    `sentences` returns the notes on exceeded limits, on kinks, on angles that look like degrees, and on the motion
+    itself.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -585,7 +587,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
 
 def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
     """Return the Scene or MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines.
-    Paths in the tables are relative to its folder. Raise a SceneError for tables that define no scene.
+    Paths in the tables are relative to the folder of the file. Raise a SceneError for tables that do not define a
+    scene.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -733,8 +736,8 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the paths of the files that a scene is read from: the scene file, and its URDF file and log if any.
-    Raise a SceneError if the scene file cannot be read.
+    """Return a tuple of the paths of the files that a scene is read from: the scene file, and its URDF file and log
+    if any. Raise a SceneError if the scene file cannot be read.
 
     Raises:
         SceneError: the file cannot be read.
@@ -752,7 +755,9 @@ def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
 
 
 def _output_level(output: str) -> int:
-    """Return the derivative order (0, 1 or 2) that an output needs, by its name."""
+    """Return the derivative order that an output needs, by its name: 1 for rates, 2 for accelerations,
+    otherwise 0.
+    """
     quantity = output.rstrip("12")
     if quantity in {"v", "omega", "qd", "psid"}:
         return VELOCITY

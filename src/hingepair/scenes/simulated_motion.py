@@ -87,8 +87,9 @@ def _read_hinge_torque(table: Table, key: str) -> Any:
 
 def _read_load(table: Table, key: str, component_count: int) -> Any:
     """Return the force or torque on a body under a key of a Table: a list of `component_count` floats, or, for
-    expressions, a callable of (t, now); `now` is the motion at t. With `component_count` 1, a torque in the plane,
-    the list is a single float. Raise a SceneError for other values.
+    expressions, a callable of (t, now) that returns an array of shape (N, component_count); `now` is the motion at t.
+    For `component_count` 1, a torque in the plane, return a float or a callable that returns shape (N,). Raise a
+    SceneError for other values.
     """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
@@ -148,9 +149,9 @@ SPATIAL_DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 
 
 class DynamicsSetup(NamedTuple):
-    """Values of the table [dynamics] of a scene: `base` ("free", "pinned", "fixed" or "prescribed"), `body1`, its
-    motion at the start, `hinge`, arguments of a `HingeLoad` by name, `others`, the other arguments of `simulate`, and
-    `keys`, the keys of the table.
+    """Values of the table [dynamics] of a scene. `base` is "free", "pinned", "fixed" or "prescribed". `body1` is the
+    motion of body 1 at the first instant, or None. `hinge` and `others` hold the arguments of a `HingeLoad` and the
+    other arguments of `simulate` by name. `keys` are the keys of the table.
 
     Attributes:
         base: "free", "pinned", "fixed" or "prescribed".

@@ -109,7 +109,7 @@ class Table(NamedSource):
 
     def table(self, key: str, *, required: bool = True) -> Table:
         """Return the table under a key as a Table. If the key is absent, return an empty one, or raise a SceneError
-        if `required` is True. Raise a SceneError for a value that is no table.
+        if `required` is True. Raise a SceneError for a value that is not a table.
         """
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
@@ -126,8 +126,9 @@ class Table(NamedSource):
         return replace(self, values={f"{key}[{i}]": entry for i, entry in enumerate(value)})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return the text under a key, with runs of blanks reduced to one, or the default if the key is absent. Raise
-        a SceneError for any other value and for an empty text.
+        """Return the text under a key, with runs of blanks reduced to one. If the key is absent, return the default,
+        or raise a SceneError if there is none. Raise a SceneError for any other value, and for a text that is empty
+        or not printable.
         """
         value = self.values.get(key, default)
         text = " ".join(value.split()) if isinstance(value, str) else ""
@@ -152,8 +153,8 @@ class Table(NamedSource):
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Return the number or the constant expression under a key as a finite float; the default, if given, if the
-        key is absent. Raise a SceneError for any other value.
+        """Return the number or the constant expression under a key as a finite float. If the key is absent, return
+        the default, or raise a SceneError if there is none. Raise a SceneError for any other value.
         """
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
@@ -188,7 +189,7 @@ class Table(NamedSource):
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
-        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }; of a matrix only the shape is checked. Raise a
+        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Only the shape of a matrix is checked. Raise a
         SceneError for any other value.
         """
         if isinstance(self.values.get(key), list):
@@ -200,8 +201,8 @@ class Table(NamedSource):
 
     def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
         """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
-        expressions. Of a matrix in the file only the shape is checked. The constants named in `symbolic_constants`
-        stay symbols. Raise a SceneError for a value that describes no rotation.
+        expressions. Only the shape of a matrix in the file is checked. The constants named in `symbolic_constants`
+        stay symbols. Raise a SceneError for a value that does not describe a rotation.
         """
         value = self.values.get(key)
         if isinstance(value, list):

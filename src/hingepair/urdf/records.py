@@ -263,8 +263,8 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Check that the robot has a link of this name, which a JointRecord has as parent or child. Raise a
-        URDFError, which names the joint, if not.
+        """Raise a URDFError that names the joint unless the robot has a link of this name. `joint` is the JointRecord
+        that has the link as parent or child.
 
         Raises:
             URDFError: names the joint.
@@ -274,8 +274,8 @@ class RobotRecord:
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Check that the link of this name, which a JointRecord has as parent or child, is declared once and is the
-        child of at most one joint; raise a URDFError if not.
+        """Raise a URDFError unless the link of this name is declared once and is the child of at most one joint.
+        `joint` is the JointRecord that has the link as parent or child.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -334,8 +334,8 @@ class RobotRecord:
 
 def _pose(origin: ET.Element | None, label: str, snap: float) -> FramePose:
     """Return the FramePose of an XML element <origin>; for None, the identity. Angles within `snap` [rad] of a
-    multiple of pi/2 are replaced by that multiple. Raise a URDFError, which begins with the text `label`, if its
-    numbers are not finite.
+    multiple of pi/2 are replaced by that multiple. Raise a URDFError, whose message begins with the text `label`, for
+    a number that is not finite.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
@@ -361,8 +361,8 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
 
 def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return a tuple of the numbers of the attribute `key` of an XML element, as many as the tuple `default` has. If
-    the attribute is missing, or the element is None, return `default`. Raise a URDFError, which begins with the text
-    `label`, if they are not finite numbers.
+    the attribute is missing, or the element is None, return `default`. Raise a URDFError, whose message begins with
+    the text `label`, for a text that is not that many finite numbers.
     """
     text = None if element is None else element.get(key)
     if text is None:

@@ -17,14 +17,14 @@ class FramePose(NamedTuple):
     origin: Float64Array
 
     def placed(self, inner: FramePose) -> FramePose:
-        """Return the FramePose `inner`, which is given in the axes of this frame, in the axes in which this frame is
-        given.
+        """Return the FramePose `inner` in the axes in which this frame is given. `inner` is given in the axes of this
+        frame.
         """
         return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
     def seen(self, other: FramePose) -> FramePose:
-        """Return the FramePose `other`, which is given in the axes in which this frame is given, in the axes of this
-        frame.
+        """Return the FramePose `other` in the axes of this frame. `other` is given in the axes in which this frame is
+        given.
         """
         return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 

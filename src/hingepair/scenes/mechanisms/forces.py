@@ -173,8 +173,8 @@ def mechanism_scene_forces(
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
     """Return the MechanismSceneForces that `known_motion`, a KnownJointMotion of a robot with accelerations, requires
-    under the vector `gravity`. `record` has t and the other arguments of a Record. `noise` is a JointLogNoise that
-    estimates the effect of the noise of a log, or None.
+    under the vector `gravity`. `record` is a dict of t and of the arguments described, inputs and unit of a Record.
+    `noise` is a JointLogNoise that estimates the effect of the noise of a log, or None.
 
     Args:
         robot: the mechanism.
@@ -231,9 +231,9 @@ def _limit_text(value: float) -> str:
 def _summarize_joint(
     joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
-    """Return the JointLoad of the joint with the index `joint_index`: extremes of its effort `tau` (N,), of its
-    position and of its rate at the instants t, beside its limits. Values that are not finite are left out. `noise` is
-    copied into it.
+    """Return the JointLoad of the joint with the index `joint_index`: the extremes of its effort `tau` (N,), of its
+    position and of its rate at the instants t, and their limits. Values that are not finite are left out. `noise`,
+    the deviation of the effort, is copied into the result.
     """
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)

@@ -198,8 +198,8 @@ class BaseMotion:
 class JointMotion:
     """Motion of a mechanism's joints and base at the instants `t` of a scene: `source` gives the coordinates of the
     joints at some instants, `base` is the BaseMotion or None, and `moving` names the moving joints. `origin`, `hint`
-    and `notes` are texts for reports. `functions` and `derived` tell of the functions of t or the log that the motion
-    comes from.
+    and `notes` are texts for reports. `functions` and `derived` describe the functions of t or the log that the
+    motion comes from.
 
     Attributes:
         t: instants [s].
@@ -238,8 +238,8 @@ class JointMotion:
         return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
 
     def count_kinks(self, start: int, stop: int) -> int:
-        """Count the intervals with a kink or a jump of a function of t. Only the intervals that end at the instants
-        with the indices start to stop - 1 are counted.
+        """Return the number of intervals between neighbouring instants in which a function of t has a kink or a jump.
+        Only the intervals that end at the instants with the indices start to stop - 1 are counted.
         """
         t = self.t[max(start - 1, 0) : stop]
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
@@ -272,8 +272,8 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
 
 
 def _check_joint_names(motion: Table, robot: Mechanism) -> None:
-    """Raise a SceneError if a joint of a robot has the name of an option of the Table [motion], or a name that makes
-    a column of a log ambiguous.
+    """Raise a SceneError if a joint of a robot has the name of an option of the Table [motion], or a name for which a
+    column of a log would have two meanings.
     """
     columns = {"t": "the instants"}
     for name in robot.names:
@@ -314,8 +314,8 @@ def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 
 def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
-    """Raise a SceneError for a key of the Table [motion] that is no movable joint of the robot. The message says why:
-    it follows another joint, is a link or a fixed joint, or does not exist.
+    """Raise a SceneError for a key of the Table [motion] that is not a movable joint of the robot. The message says
+    why: the key names a joint that follows another one, a link or a fixed joint, or nothing of the robot.
     """
     joints = robot.tree.joints
     for joint in joints:

@@ -46,8 +46,9 @@ _READER_FUNCTION_BY_FRAME_TABLE_KEY: Final[Mapping[str, Key]] = {
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     """Return the Mechanism that the tables [mechanism] and [[joint]] of a scene's top-level Table define, with its
-    frames and payload. The path of a URDF file is relative to `folder`. Raise a SceneError for tables that define
-    none, and a MissingDependencyError if a robot of example-robot-data is named and that package is missing.
+    frames and payload. The path of a URDF file is relative to `folder`. Raise a SceneError for tables that do not
+    define a mechanism. Raise a MissingDependencyError if the tables name a robot of example-robot-data and that
+    package is missing.
 
     Args:
         tables: top-level table of the scene file.
@@ -76,7 +77,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
     """Return the gravity vector of the table [mechanism] in a scene's top-level Table, three floats [m/s^2]; None if
-    it has no such key. Raise a SceneError for any other value.
+    the table has no key gravity. Raise a SceneError for any other value.
     """
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None

@@ -566,7 +566,7 @@ class MechanismScene(SampledScene):
 
     def notes(self) -> tuple[str, ...]:
         """Evaluate the whole motion, and return a tuple of sentences for readers of the results: on joints outside
-        their limits, on kinks, and on angles that look like degrees.
+        their limits, on kinks, on angles that look like degrees, and on the motion itself.
         """
         notes = self.note_collector()
         for block in self.blocks(("q",)):
@@ -597,8 +597,8 @@ def _needed_quantities(
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
     """Plan of a mechanism's scene: `computed`, the number of operations by group of outputs, `still`, the joints that
-    do not move, the derivative orders `order` (needed) and `level` (available), and `base_rests`. `str` gives it as
-    text.
+    do not move, the derivative orders `order` (needed) and `level` (available), and `base_rests`. `str` returns the
+    plan as text.
 
     Attributes:
         computed: number of operations by the description of the computed outputs.
@@ -632,8 +632,9 @@ class MechanismPlan:
 
 
 class MechanismNoteCollector:
-    """Collector of notes on a mechanism's scene that is evaluated in blocks: `add` takes the result of a block, and
-    `sentences` returns the notes on exceeded limits, kinks and angles that look like degrees.
+    """Collector of notes on a mechanism's scene that is evaluated in blocks. `add` takes the result of a block.
+    `sentences` returns the notes on exceeded limits, on kinks, on angles that look like degrees, and on the motion
+    itself.
     """
 
     def __init__(self, scene: MechanismScene) -> None:
@@ -674,8 +675,9 @@ class MechanismNoteCollector:
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
     """Return the MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines. Paths in the
-    tables are relative to its folder; `files` are the absolute paths of all files that the scene is read from. Raise
-    a SceneError, whose message names file, table and key, for tables that define none.
+    tables are relative to the folder of the file. `files` are the absolute paths of all files that the scene is read
+    from. Raise a SceneError, whose message names file, table and key, for tables that do not define a mechanism's
+    scene.
     """
     try:
         return _read_scene(tables, path, files)
@@ -687,8 +689,8 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
     """Return whether the key that a SceneError names is a joint of the robot that was put outside the table [motion].
-    `label` is the error's text `file: table.key`; `tables` is the scene's top-level Table, and `folder` that of its
-    file.
+    `label` is the error's text `file: table.key`. `tables` is the scene's top-level Table, and `folder` is the folder
+    of the scene file.
     """
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
