@@ -13,7 +13,7 @@ import hingepair as hp
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.scenes.logged_motion import COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME, PAIR_LOG_COLUMN_NAMES
 from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_TABLE_KEYS
-from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_NAMES
+from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_QUANTITY_NAMES
 from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
 from hingepair.scenes.simulated_motion import SPATIAL_DYNAMICS_KEYS
 from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES
@@ -94,7 +94,7 @@ WORDS = (
     *SPATIAL_DYNAMICS_KEYS,
     *MECHANISM_TABLE_KEYS,
     *JOINT_TABLE_KEYS,
-    *MECHANISM_OUTPUT_NAMES,
+    *MECHANISM_OUTPUT_QUANTITY_NAMES,
 )
 
 

@@ -56,13 +56,13 @@ _DERIVATIVE_ORDER_BY_JOINT_OUTPUT: Final = {"q": POSE, "qd": VELOCITY, "qdd": AC
 """Derivatives that outputs with a value for each joint need."""
 _DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
 """Derivatives that the force and the torque on the base need."""
-_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT: Final = {
+_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY: Final = {
     **_DERIVATIVE_ORDER_BY_FRAME_QUANTITY,
     **_DERIVATIVE_ORDER_BY_JOINT_OUTPUT,
     **_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
 }
 """Derivatives that each output of a scene of a mechanism needs; frames' outputs by their quantity."""
-MECHANISM_OUTPUT_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT)
+MECHANISM_OUTPUT_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY)
 """Quantities that a scene of a mechanism can be asked for."""
 
 
@@ -392,7 +392,7 @@ class MechanismScene(SampledScene):
         """Return the MechanismSceneResult of outputs, a tuple of MechanismOutputs, at the instants with the indices
         `rows`. Its attribute `known`, the motion, has derivatives at least up to `min_order`.
         """
-        levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in outputs]
+        levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
         options: dict[str, Any] = {"base_motion": known_motion.base, "backend": self.backend}
         frames, frame_outputs, force_outputs = _needed_quantities(outputs)
@@ -421,7 +421,7 @@ class MechanismScene(SampledScene):
             ArgumentError: as for `evaluate`.
         """
         chosen = self.outputs_of(outputs)
-        order = max(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] for output in chosen)
+        order = max(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] for output in chosen)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
         frames, of_frames, acting = _needed_quantities(chosen)
         counted = {}
@@ -456,12 +456,12 @@ class MechanismScene(SampledScene):
             of_frames = [
                 MechanismOutput(name, self.frames)
                 for name in _DEFAULT_FRAME_QUANTITY_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[name] <= level
             ]
             of_joints = [
                 MechanismOutput(name, (), joints)
                 for name in _JOINT_COORDINATE_OUTPUT_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[name] <= level
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[name] <= level
             ]
             return (*of_frames, *of_joints)
         try:
@@ -470,7 +470,7 @@ class MechanismScene(SampledScene):
             requested = []
         if not requested:
             raise ArgumentError(
-                "outputs", f"names out of {', '.join(MECHANISM_OUTPUT_NAMES)}, or of frames", quoted(names)
+                "outputs", f"names out of {', '.join(MECHANISM_OUTPUT_QUANTITY_NAMES)}, or of frames", quoted(names)
             )
         return tuple(output for name in requested for output in self._parse_output(name))
 
@@ -482,7 +482,7 @@ class MechanismScene(SampledScene):
         level, robot = self.joint_motion.level, self.mechanism
         if name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY:
             requested = [MechanismOutput(str(name), self.frames)]
-        elif name in _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT:
+        elif name in _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY:
             requested = [
                 MechanismOutput(str(name), (), robot.names if name in _DERIVATIVE_ORDER_BY_JOINT_OUTPUT else ())
             ]
@@ -490,23 +490,27 @@ class MechanismScene(SampledScene):
             requested = [
                 MechanismOutput(kind, (name,))
                 for kind in _DEFAULT_FRAME_QUANTITY_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[kind] <= level
+                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[kind] <= level
             ]
         elif quantity in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY and robot.tree.frame(frame) is not None:
             requested = [MechanismOutput(quantity, (frame,))]
         elif quantity == "tau" and frame in robot.names:
             requested = [MechanismOutput(quantity, (), (frame,))]
         else:
-            known_names = (*MECHANISM_OUTPUT_NAMES, *robot.links, *robot.tree.frames)
+            known_names = (*MECHANISM_OUTPUT_QUANTITY_NAMES, *robot.links, *robot.tree.frames)
             close = nearest(str(name), (*known_names, *(f"tau_{joint}" for joint in robot.names)))
             several = (
                 f"{choices(known_names)}, or both such as R_{self.frames[0]}" if self.frames else choices(known_names)
             )
             raise ArgumentError("outputs", several + close, quoted(name))
         for output in requested:
-            if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[output.quantity] > level:
+            if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] > level:
                 kinds = choices(
-                    [kind for kind in MECHANISM_OUTPUT_NAMES if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT[kind] <= level]
+                    [
+                        kind
+                        for kind in MECHANISM_OUTPUT_QUANTITY_NAMES
+                        if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[kind] <= level
+                    ]
                 )
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
         yield from requested
