@@ -15,7 +15,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.array_libraries import library_of
 from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
-from hingepair.pair.constants import HINGE_FRAME_VECTOR_NAMES, Constants, with_hinge_frames
+from hingepair.pair.constants import ADDED_HINGE_FRAME_VECTOR_NAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, VELOCITY_SENSITIVITY_NAMES
 from hingepair.pair.evaluate import QUATERNION_INPUT_NAMES, cached_call
 from hingepair.pair.forward_kinematics import check_out
@@ -180,7 +180,7 @@ def prepare(
     known_names = {*names, *constants.values}
     for name in output_names:
         of_both = names if forward or name not in _TWO_BODY_OUTPUT_NAMES else (*names, "S2")
-        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - HINGE_FRAME_VECTOR_NAMES)
+        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - ADDED_HINGE_FRAME_VECTOR_NAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     call = cached_call(constants, plan, names, execution.backend)

@@ -8,7 +8,7 @@ import operator
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Vector
-from hingepair.plans.steps import HINGE_POINT_STEPS, Step, same
+from hingepair.plans.steps import BODIES_TO_HINGE_POINT_VECTOR_STEPS, Step, same
 
 
 def _zero_vector() -> Vector:
@@ -17,7 +17,7 @@ def _zero_vector() -> Vector:
 
 
 _MASS_CENTRE_AND_INERTIA_STEPS = (
-    *HINGE_POINT_STEPS,
+    *BODIES_TO_HINGE_POINT_VECTOR_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
     Step("hinge_to_centre2", eq.subtract, ("c2", "u2")),
@@ -93,7 +93,7 @@ INVERSE_DYNAMICS_OUTPUT_NAMES = ("force1", "torque1", "hinge_torque")
 FORWARD_DYNAMICS_OUTPUT_NAMES = ("a1", "alpha1", "psidd")
 """Names of the outputs of forward dynamics."""
 
-_NET_LOAD_STEPS = (
+_LOAD_MINUS_BIAS_STEPS = (
     Step("total_force", eq.add, ("force1", "force2")),
     Step("force", eq.subtract, ("total_force", "force1_bias")),
     Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
@@ -113,7 +113,7 @@ _ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE = {
 """Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
 # Steps to the angular accelerations, from the loads about the point.
-_ANGULAR_ACCELERATION_STEPS = (
+_FREE_OR_PINNED_ALPHA1_AND_PSIDD_STEPS = (
     Step(
         "solution",
         dyn.angular_accelerations,
@@ -128,7 +128,7 @@ _ACCELERATION_STEPS_BY_BASE = {
         Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
         Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
              ("net_hinge_torque", "mass_fraction2", "partial_velocity2", "force")),
-        *_ANGULAR_ACCELERATION_STEPS,
+        *_FREE_OR_PINNED_ALPHA1_AND_PSIDD_STEPS,
         Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
         Step("psidd_fraction", operator.mul, ("mass_fraction2", "psidd")),
         Step("a1", dyn.reference_point_rate, ("a_centre", "alpha1", "centre", "partial_velocity2", "psidd_fraction")),
@@ -136,7 +136,7 @@ _ACCELERATION_STEPS_BY_BASE = {
     "pinned": (
         Step("torque_at_point", same, ("torque",)),
         Step("hinge_torque_at_point", same, ("net_hinge_torque",)),
-        *_ANGULAR_ACCELERATION_STEPS,
+        *_FREE_OR_PINNED_ALPHA1_AND_PSIDD_STEPS,
         Step("a1", same, ("none",)),
     ),
     "carried": (Step("psidd", lambda torque, J: torque / J[2], ("net_hinge_torque", "inertia_about_point")),),
@@ -195,7 +195,7 @@ def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free"
         *inertia_steps(base),
         *zero_steps,
         *bias_steps,
-        *_NET_LOAD_STEPS,
+        *_LOAD_MINUS_BIAS_STEPS,
         *_ACCELERATION_STEPS_BY_BASE[base],
         *following_steps,
     )

@@ -27,7 +27,7 @@ from hingepair.plans.steps import (
     ATTITUDE2_CHECK_STEPS,
     ATTITUDE2_STEP_WITHOUT_HOME,
     BODY2_KINEMATICS_STEPS,
-    CONSTRAINT_STEPS,
+    CONSTRAINT_AND_HINGE_ANGLE_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
     JACOBIAN_AND_ACCELERATION_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
@@ -103,7 +103,7 @@ class MotionKind:
 
 
 # The level at which an output of body 2 is a default output.
-_LEVEL_BY_BODY2_OUTPUT_NAME = {
+_MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME = {
     **dict.fromkeys(("R2", "S2", "d"), POSE),
     **dict.fromkeys(("v2", "omega2"), VELOCITY),
     **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
@@ -112,7 +112,7 @@ SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
     SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
     _SPATIAL_SHAPE_BY_QUANTITY_NAME,
-    {**_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
+    {**_MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
 PLANAR_MOTION_KIND: Final = MotionKind(
@@ -124,11 +124,11 @@ PLANAR_MOTION_KIND: Final = MotionKind(
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("q", "qd", "qdd"), (4,)),
     },
-    {{"S2": "phi2"}.get(name, name): level for name, level in _LEVEL_BY_BODY2_OUTPUT_NAME.items()},
+    {{"S2": "phi2"}.get(name, name): level for name, level in _MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME.items()},
 )
 """Motion in two coordinates (E11)."""
 
-_COMPONENT_NAMES_BY_STEP_RESULT = {
+_COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
     "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
     "turn1": ("sin_phi", "cos_phi"),
@@ -160,11 +160,11 @@ class Plan:
         """
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, value, _COMPONENT_NAMES_BY_STEP_RESULT.get(result))
+            name_components(result, value, _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT.get(result))
         return values
 
 
-NUMERIC_TRIG_FUNCTIONS: Final[TrigFunctions] = (angle_terms, hinge_terms)
+NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI: Final[TrigFunctions] = (angle_terms, hinge_terms)
 """Functions by which floats and arrays make the sines and cosines of phi and of psi."""
 
 
@@ -173,7 +173,7 @@ def make_plan(
     outputs: tuple[str, ...],
     sequence: str | None = "XYZ",
     has_home: bool = True,
-    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
+    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
@@ -187,8 +187,8 @@ def make_plan(
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         has_home: whether C differs from the identity.
         trig_functions: functions that return (sin, cos) of the three angles, and (sin, 1 - cos) of psi. Exact
-            numbers, which have other functions than NUMERIC_TRIG_FUNCTIONS, go through LEVER_CONSTANT_STEPS as well;
-            for doubles, the pair has taken these steps already.
+            numbers, which have other functions than NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI, go through
+            LEVER_CONSTANT_STEPS as well; for doubles, the pair has taken these steps already.
         kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND; the latter takes phi1 for the three angles.
         given_names: names of the inputs beside the pair's constants, out of the kind's shapes; empty for the parts of
             the coordinates and of body 1's motion, as far as they are needed.
@@ -262,7 +262,7 @@ def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]
 def all_steps(
     sequence: str | None,
     has_home: bool,
-    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS,
+    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
@@ -284,7 +284,7 @@ def all_steps(
         return tuple(steps)
     if any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in given_names):
         return forward_dynamics_steps(tuple(steps))
-    steps += CONSTRAINT_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
+    steps += CONSTRAINT_AND_HINGE_ANGLE_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
     steps += [*JACOBIAN_AND_ACCELERATION_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
@@ -297,7 +297,7 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
     a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
     """
     angle_terms, hinge_terms = trig_functions
-    if trig_functions is NUMERIC_TRIG_FUNCTIONS:
+    if trig_functions is NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
         arm = LEVER_CONSTANT_STEPS[0] if has_home else Step("arm", same, ("u2",))
@@ -332,7 +332,7 @@ def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
     """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` is a pair of
     functions: (sin, cos) of a tuple of angles, here phi1 alone, and (sin, 1 - cos) of psi.
     """
-    if trig_functions == NUMERIC_TRIG_FUNCTIONS:
+    if trig_functions == NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
         return PLANAR_KINEMATICS_STEPS
     angle_terms, hinge_terms = trig_functions
     replaced_functions: dict[str, Callable[..., Any]] = {

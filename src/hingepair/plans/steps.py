@@ -41,7 +41,7 @@ PLANAR_PART_NAMES_BY_COORDINATE_ARRAY = {
     "qdd": ("a1", "phi1dd", "psidd"),
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
-FILE_COLUMN_NAMES_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     SPATIAL_COORDINATE_NAMES: {
         "q": SPATIAL_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
@@ -133,7 +133,10 @@ BODY2_KINEMATICS_STEPS = (
 )
 """Steps to body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
-HINGE_POINT_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
+BODIES_TO_HINGE_POINT_VECTOR_STEPS = (
+    Step("r1", eq.rotate, ("S1", "u1")),
+    Step("r2", eq.rotate, ("S2", "u2")),
+)
 """Steps to the hinge point from either reference point, world axes; outputs do not need it, Jacobians do."""
 
 LEVER_CONSTANT_STEPS = (
@@ -337,8 +340,8 @@ def _component_quotient(parts: Components) -> Any:
     return parts[0] / parts[1]
 
 
-CONSTRAINT_STEPS = (
-    *HINGE_POINT_STEPS,
+CONSTRAINT_AND_HINGE_ANGLE_STEPS = (
+    *BODIES_TO_HINGE_POINT_VECTOR_STEPS,
     Step("h1", eq.rotate, ("S1", "n")),
     Step("e1_in_world", eq.rotate, ("S1", "e1")),
     Step("e2_in_world", eq.rotate, ("S1", "e2")),
