@@ -26,7 +26,7 @@ from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.results import RESULT_SUFFIXES, Record, check_ending
+from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.known_motion import quaternion_columns
 
@@ -57,7 +57,8 @@ def fit_command(
         ),
     ] = 0.05,
     out: Annotated[
-        Path | None, out_option(f"Write psi and the residuals of each sample to FILE ({', '.join(RESULT_SUFFIXES)}).")
+        Path | None,
+        out_option(f"Write psi and the residuals of each sample to FILE ({', '.join(RESULT_FILE_SUFFIXES)})."),
     ] = None,
     plot: Annotated[
         Path | None,

@@ -22,7 +22,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
-from hingepair.pair.results import RESULT_SUFFIXES
+from hingepair.pair.results import RESULT_FILE_SUFFIXES
 from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
 from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_NAME, DynamicsSetup
 from hingepair.scenes.tables import read_tables
@@ -157,7 +157,7 @@ def is_urdf(source: str) -> bool:
     existing file that is neither a scene (.toml) nor a log.
     """
     suffix = Path(source).suffix.lower()
-    return suffix in {".urdf", ".xml"} or (suffix not in {".toml", *RESULT_SUFFIXES} and os.path.isfile(source))
+    return suffix in {".urdf", ".xml"} or (suffix not in {".toml", *RESULT_FILE_SUFFIXES} and os.path.isfile(source))
 
 
 def urdf_command(

@@ -29,7 +29,7 @@ from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant_text, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import RESULT_SUFFIXES, check_ending, column_names, result_file
+from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, column_names, result_file
 from hingepair.scenes.mechanisms.forces import joint_load_table_rows
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
@@ -39,7 +39,7 @@ from hingepair.validation.robot_report import RobotValidation
 from hingepair.validation.robot_states import random_and_hard_states
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_SUFFIXES)}).")]
+ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_FILE_SUFFIXES)}).")]
 
 
 def run_command(

@@ -23,14 +23,14 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, make_plan, plan_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE, check_rotation
 
-DEFAULT_EXECUTION: Final = Execution("auto", 1)  # backend and number of threads of a call by default
+DEFAULT_BACKEND_AND_WORKERS: Final = Execution("auto", 1)  # backend and number of threads of a call by default
 STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
     PLANAR_MOTION_KIND: PlanarState,
 }
 """The class of the results, by the kind of motion of a plan."""
 
-QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
+BODY1_QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 
 
 def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
@@ -43,7 +43,7 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
         checks = dict.fromkeys(("attitude1_check", "attitude2_check"), MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE)
-        if any(name in QUATERNION_INPUT_NAMES for name in input_names):
+        if any(name in BODY1_QUATERNION_INPUT_NAMES for name in input_names):
             checks["attitude1_check"] = {8: 1.0, 4: 1.0}  # the check is 2 for a zero quaternion, and otherwise 0
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
@@ -62,7 +62,7 @@ def _constant_input_names(loop: Any, input_names: tuple[str, ...]) -> list[str]:
 def _check_attitudes(values: Mapping[str, Any]) -> None:
     """Raise RotationError if S1 or S2 in `values`, the inputs by name, is not a rotation, or a quaternion is zero."""
     for name, value in values.items():
-        if name in QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
+        if name in BODY1_QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
         if name in ("S1", "S2"):
             check_rotation(name, np.asarray(value))
@@ -74,7 +74,7 @@ def compute_state(
     values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     out: Out = None,
-    execution: Execution = DEFAULT_EXECUTION,
+    execution: Execution = DEFAULT_BACKEND_AND_WORKERS,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
     """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` are the

@@ -35,7 +35,7 @@ Outputs: TypeAlias = Iterable[str] | None
 
 _NUMBER_WORD_BY_COORDINATE_COUNT = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
 _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64 = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
-_FLOAT_ROW_TYPES = {tuple, list}  # sequences that `float_row` converts
+_FLOAT_ROW_SEQUENCE_TYPES = {tuple, list}  # sequences that `float_row` converts
 _FLOAT_ROW_NUMBER_TYPES = {float, int, np.float64, np.int64, np.int32}  # numbers in them that it converts
 # The attributes of BodyMotion by the names of inputs.
 _MOTION_ATTRIBUTE_BY_BODY1_INPUT = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
@@ -162,7 +162,7 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
         is_supported = value.shape == (count,) and value.dtype.char in _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64
     else:
         is_supported = (
-            type(value) in _FLOAT_ROW_TYPES
+            type(value) in _FLOAT_ROW_SEQUENCE_TYPES
             and len(value) == count
             and _FLOAT_ROW_NUMBER_TYPES.issuperset(map(type, value))
         )

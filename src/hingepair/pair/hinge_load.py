@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array, finite_number
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 HINGE_TORQUE_PART_NAMES: Final = ("motor", "spring", "damper", "friction", "stop")
 """The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
-_ARRAY_USED_AS_SCALAR_ERROR_TEXTS = (
+_NUMPY_MESSAGE_PARTS_ON_ARRAY_USED_AS_SCALAR = (
     "truth value of an array",
     "arrays can be converted to Python scalars",
 )  # parts of messages of NumPy
@@ -318,7 +318,7 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     try:
         return function(*arguments)
     except (TypeError, ValueError) as error:
-        if not any(sign in str(error) for sign in _ARRAY_USED_AS_SCALAR_ERROR_TEXTS):
+        if not any(sign in str(error) for sign in _NUMPY_MESSAGE_PARTS_ON_ARRAY_USED_AS_SCALAR):
             raise
         expected = "a callable of arrays, one element for each instant: np.where instead of if, np.sin of math.sin"
         raise ArgumentError(name, expected, f"one that takes single numbers ({error})") from error

@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
 from hingepair.pair.constants import ADDED_HINGE_FRAME_VECTOR_NAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, VELOCITY_SENSITIVITY_NAMES
-from hingepair.pair.evaluate import QUATERNION_INPUT_NAMES, cached_call
+from hingepair.pair.evaluate import BODY1_QUATERNION_INPUT_NAMES, cached_call
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import (
     DYNAMICS_CONSTANT_NAMES,
@@ -40,7 +40,7 @@ _INPUT_NAMES_BY_KEYWORD: Final = {
 # All inputs that a prepared call can take.
 _ALLOWED_INPUT_NAMES: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUT_NAMES, *FORWARD_DYNAMICS_LOAD_NAMES),
+    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *BODY1_QUATERNION_INPUT_NAMES, *FORWARD_DYNAMICS_LOAD_NAMES),
 )
 _TWO_BODY_OUTPUT_NAMES: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),

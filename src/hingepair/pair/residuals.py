@@ -339,7 +339,9 @@ def lazy_residuals(
     if t is not None and not any(math.isnan(size) for size in shape):
         t = _broadcast_instants(t, shape)
     blocks = {
-        key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARISON_ARRAY_NAMES
+        key: array.to_delayed(optimize_graph=False)
+        for key, array in arrays.items()
+        if key in _SIZE_AND_TOLERANCE_ARRAY_NAMES
     }
     kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_ARRAY_NAME_PREFIX + kind in blocks]
     basis_by_kind = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
@@ -352,7 +354,7 @@ def lazy_residuals(
         }
         summaries.append(delayed(_summarize_chunk, pure=True)(delayed_arrays, basis_by_kind))
     summary = delayed(_merge_summaries, pure=True)(summaries, grid)
-    report_arrays = {key: array for key, array in arrays.items() if key not in _COMPARISON_ARRAY_NAMES}
+    report_arrays = {key: array for key, array in arrays.items() if key not in _SIZE_AND_TOLERANCE_ARRAY_NAMES}
     return LazyResiduals(
         report_arrays, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary
     )
@@ -475,7 +477,7 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
 _SIZE_ARRAY_NAME_PREFIX = "size of "  # before the name of the residual
 _TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # before the name of the residual
 # Names of the arrays of sizes and tolerances, which reports do not show.
-_COMPARISON_ARRAY_NAMES = {
+_SIZE_AND_TOLERANCE_ARRAY_NAMES = {
     prefix + kind
     for prefix in (_SIZE_ARRAY_NAME_PREFIX, _TOLERANCE_ARRAY_NAME_PREFIX)
     for kind in RESIDUAL_KIND_BY_NAME

@@ -22,7 +22,7 @@ from hingepair.pair.states import PairState, PlanarState
 ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
 rows."""
-MAX_INSTANTS_IN_MEMORY: Final = 10_000_000
+MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY: Final = 10_000_000
 """Largest number of instants of a result that is held in memory; more instants are computed
 block by block, or refused."""
 
@@ -245,7 +245,7 @@ def result_file(
     .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
 
     Args:
-        path: file name that ends in one of `RESULT_SUFFIXES`.
+        path: file name that ends in one of `RESULT_FILE_SUFFIXES`.
         samples: number of instants that will be written.
         described: description of the result, for formats that store it.
         inputs: files that are being read and must not be overwritten.
@@ -259,22 +259,25 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_INSTANTS_IN_MEMORY and kind in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX:
-        limit = f"more than {MAX_INSTANTS_IN_MEMORY} instants, which go block by block"
+    if samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY and kind in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX:
+        limit = f"more than {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants, which go block by block"
         expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
-    with whole_file(target, inputs) as file, _BLOCK_WRITER_BY_SUFFIX[kind](file, samples, described, unit) as add:
+    with (
+        whole_file(target, inputs) as file,
+        _ROW_WRITER_CONTEXT_BY_SUFFIX[kind](file, samples, described, unit) as add,
+    ):
         yield add
 
 
 def check_ending(path: Path) -> None:
-    """Raise ArgumentError if the ending of the file name `path` is not one of RESULT_SUFFIXES.
+    """Raise ArgumentError if the ending of the file name `path` is not one of RESULT_FILE_SUFFIXES.
 
     Raises:
         ArgumentError: the ending is unknown.
     """
-    if path.suffix.lower() not in _BLOCK_WRITER_BY_SUFFIX:
-        raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_SUFFIXES)}", quoted(str(path)))
+    if path.suffix.lower() not in _ROW_WRITER_CONTEXT_BY_SUFFIX:
+        raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_FILE_SUFFIXES)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -406,7 +409,7 @@ _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {
     ".nc": _write_netcdf,
 }
 # Context managers that take blocks of rows, by the ending of the file.
-_BLOCK_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
+_ROW_WRITER_CONTEXT_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv_writer,
     ".parquet": _parquet_writer,
     **{
@@ -414,5 +417,5 @@ _BLOCK_WRITER_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContex
         for kind, write in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX.items()
     },
 }
-RESULT_SUFFIXES: Final = tuple(_BLOCK_WRITER_BY_SUFFIX)
+RESULT_FILE_SUFFIXES: Final = tuple(_ROW_WRITER_CONTEXT_BY_SUFFIX)
 """Endings of files that results are written to."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Shown, instant_text, unit_of
-from hingepair.pair.results import MAX_INSTANTS_IN_MEMORY, ROWS_PER_BLOCK
+from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, ROWS_PER_BLOCK
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -102,12 +102,14 @@ class SampledScene(Shown, abc.ABC):
         Raises:
             ArgumentError: there are too many to be held in memory.
         """
-        if self.samples > MAX_INSTANTS_IN_MEMORY:
+        if self.samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
             way = (
                 "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
             )
             raise ArgumentError(
-                "samples", f"at most {MAX_INSTANTS_IN_MEMORY} instants to be held in memory; {way}", self.samples
+                "samples",
+                f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants to be held in memory; {way}",
+                self.samples,
             )
         return np.asarray(read_only(self.instants[:]))
 
@@ -154,9 +156,10 @@ def read_instants_array(time: Table) -> Float64Array:
     values or more instants than may be held in memory.
     """
     t = read_instants(time)
-    if len(t) > MAX_INSTANTS_IN_MEMORY:
+    if len(t) > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
         time.fail(
-            "samples", f"at most {MAX_INSTANTS_IN_MEMORY} where a motion is integrated, which is done in memory"
+            "samples",
+            f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} where a motion is integrated, which is done in memory",
         )
     return np.asarray(read_only(t[:]))
 

@@ -27,7 +27,7 @@ from hingepair.numeric.instants import MeasurementWarning, instants_of
 from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import DEFAULT_EXECUTION
+from hingepair.pair.evaluate import DEFAULT_BACKEND_AND_WORKERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.plans.steps import COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -528,8 +528,8 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     _velocity_frame(table, log)
     arrays = position | turning | hinge
     signals = (
-        SampledSignal(log.since, arrays["omega1"], DEFAULT_EXECUTION),
-        SampledSignal(log.since, arrays["psid"], DEFAULT_EXECUTION),
+        SampledSignal(log.since, arrays["omega1"], DEFAULT_BACKEND_AND_WORKERS),
+        SampledSignal(log.since, arrays["psid"], DEFAULT_BACKEND_AND_WORKERS),
     )
     notes = (*log.notes, *filter(None, [log.unknown_error_note()]))
     return replace(

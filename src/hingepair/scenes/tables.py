@@ -14,7 +14,7 @@ from typing import Any, Final, NoReturn, TypeAlias
 from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret, nearest, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
-from hingepair.pair.results import RESULT_SUFFIXES
+from hingepair.pair.results import RESULT_FILE_SUFFIXES
 
 MAX_TABLE_FILE_BYTES: Final = 1_000_000
 """Largest size of a file of tables that is read [bytes]."""
@@ -298,7 +298,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SceneError(file, "a scene or sweep file that can be read", reason) from None
-    if Path(name).suffix.lower() in RESULT_SUFFIXES:
+    if Path(name).suffix.lower() in RESULT_FILE_SUFFIXES:
         expected = f"a scene file (TOML), which names a log by [motion] file = {Path(name).name!r}"
         raise SceneError(file, expected, "a log")
     if len(content) > MAX_TABLE_FILE_BYTES:
