@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from hingepair.engine.array_reader import MAX_RANK_OF_ONE_SAMPLE
+from hingepair.engine.array_reader import MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE
 from hingepair.engine.backend import BreakEvenCounter, Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
@@ -310,7 +310,7 @@ def test_a_long_call_lets_other_threads_go_on():
 
 
 def test_more_axes_than_the_code_reads_go_the_general_way():
-    tail = (2,) * (MAX_RANK_OF_ONE_SAMPLE + 1)
+    tail = (2,) * (MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE + 1)
     loop = Loop("deep", lambda v: {"b": tuple(2.0 * c for c in v["a"])}, {"a": tail}, {"b": tail})
     a = np.random.default_rng(6).normal(size=(5, *tail))
     state = Call(loop, {"a": tail}, {}, Results, backend="compiled").run({"a": a}, {"a": (5,)})

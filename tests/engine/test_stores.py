@@ -45,7 +45,7 @@ SHIFTS = (0, 8, 16, 32, 56)
 
 @pytest.fixture(params=LEAST_BYTES)
 def stores(request, monkeypatch):
-    monkeypatch.setattr(llvm_ir, "MIN_OUTPUT_BYTES_FOR_STREAMING_STORES", LEAST_BYTES[request.param])
+    monkeypatch.setattr(llvm_ir, "MIN_OUTPUT_BYTES_ALONG_INNER_AXIS_FOR_STREAMING_STORES", LEAST_BYTES[request.param])
     return request.param
 
 
@@ -196,8 +196,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS", 0)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING", length)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME", distance)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_UNSPLIT_STEP", 0)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING", length)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -31,10 +31,10 @@ _ARRAY_DTYPE_OFFSET_BYTES: Final = 56  # the dtype of an array
 _ARRAY_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
 _ARRAY_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
 
-MAX_RANK_OF_ONE_SAMPLE: Final = 3
+MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE: Final = 3
 """Largest number of axes of one sample that the code reads; calls with more axes go through Python."""
 
-_DESCRIPTOR_INTEGERS_PER_ARGUMENT: Final = 3 + MAX_RANK_OF_ONE_SAMPLE
+_INTEGERS_PER_ARGUMENT_IN_CALL_DESCRIPTOR: Final = 3 + MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE
 """Number of integers that describe an argument: row of the kernel's table, rank, components, lengths of axes."""
 
 _read_pointer: Final = ctypes.c_void_p.from_address  # reads the pointer at an address
@@ -118,12 +118,12 @@ def call_descriptor(
             len(sample_shape),
             math.prod(sample_shape),
             *sample_shape,
-            *(0,) * (MAX_RANK_OF_ONE_SAMPLE - len(sample_shape)),
+            *(0,) * (MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE - len(sample_shape)),
         ]
     return integers
 
 
-_FIRST_ARGUMENT_DESCRIPTOR_INDEX: Final = 6  # index of the first integer that describes an argument
+_FIRST_ARGUMENT_INDEX_IN_CALL_DESCRIPTOR: Final = 6  # index of the first integer that describes an argument
 
 # The instruction of LLVM that calls the kernel.
 _LLVM_KERNEL_CALL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
@@ -162,7 +162,7 @@ entry:
   %fields = load i64, ptr %fields.field
   %long.field = getelementptr i64, ptr %numbers, i64 5
   %long_call = load i64, ptr %long.field
-  %layouts = getelementptr i64, ptr %numbers, i64 {_FIRST_ARGUMENT_DESCRIPTOR_INDEX}
+  %layouts = getelementptr i64, ptr %numbers, i64 {_FIRST_ARGUMENT_INDEX_IN_CALL_DESCRIPTOR}
   %expected = add i64 %count, 2
   %complete = icmp eq i64 %given, %expected
   br i1 %complete, label %constants, label %no
@@ -259,7 +259,7 @@ argument:
 look:
   %object.field = getelementptr ptr, ptr %arguments, i64 %a
   %object = load ptr, ptr %object.field
-  %layout.place = mul i64 %a, {_DESCRIPTOR_INTEGERS_PER_ARGUMENT}
+  %layout.place = mul i64 %a, {_INTEGERS_PER_ARGUMENT_IN_CALL_DESCRIPTOR}
   %layout = getelementptr i64, ptr %layouts, i64 %layout.place
   %row = load i64, ptr %layout
   %rank.field = getelementptr i64, ptr %layout, i64 1

@@ -17,9 +17,7 @@ ACCEPTED_BACKENDS = ("auto", "numpy", "compiled")
 """Accepted values of the argument `backend`."""
 
 # Seconds of compiling, measured on one machine; on another machine all times here differ by about one common factor.
-_SHARED_CODE_COMPILE_SECONDS = (
-    0.07  # once in a process: importing llvmlite, and compiling the code that all kernels share
-)
+_SHARED_CODE_COMPILE_SECONDS_PER_PROCESS = 0.07  # importing llvmlite, and compiling the code that all kernels share
 _COMPILE_SECONDS_PER_KERNEL = 0.025  # for each kernel
 _COMPILE_SECONDS_PER_OPERATION = 5e-5  # for each operation of a kernel
 # Seconds that an operation takes without a kernel beyond the time that it takes with one.
@@ -46,8 +44,8 @@ class Execution(NamedTuple):
 
 
 def execution_of(backend: str, workers: int) -> Execution:
-    """Check the arguments `backend` and `workers`, and return them as an `Execution`. Raises an error if one of them
-    is not accepted; -1 workers are replaced by the number of cores.
+    """Check the arguments `backend` and `workers`, and return them as an `Execution`, in which the number of cores
+    replaces -1 workers. Raises an ArgumentError if one of the arguments is not accepted.
 
     Args:
         backend: one of ACCEPTED_BACKENDS.
@@ -68,16 +66,16 @@ def execution_of(backend: str, workers: int) -> Execution:
 
 @functools.lru_cache(maxsize=64)
 def _cached_execution(backend: str, workers: int) -> Execution:
-    """Check the backend's name, and return the cached `Execution` for a number of workers that is positive, or -1 for
-    all cores. Raises an error if the backend is unknown.
+    """Check the name of the backend, and return the cached `Execution` for a number of workers that is positive, or
+    -1 for all cores. Raises an ArgumentError if the backend is unknown.
     """
     check_choice("backend", backend, ACCEPTED_BACKENDS)
     return Execution(backend, workers if workers > 0 else _core_count())
 
 
 def _core_count() -> int:
-    """Return the number of cores that this process may use. Where the system does not tell, return the number of all
-    cores.
+    """Return the number of cores that this process may use, or the number of all cores if the operating system does
+    not tell.
     """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -109,13 +107,13 @@ class BreakEvenCounter:
     @property
     def seconds_to_compile(self) -> float:
         """Estimated time [s] of compiling the kernel."""
-        first = 0.0 if _shared_code_compiled else _SHARED_CODE_COMPILE_SECONDS
+        first = 0.0 if _shared_code_compiled else _SHARED_CODE_COMPILE_SECONDS_PER_PROCESS
         return _COMPILE_SECONDS_PER_KERNEL + _COMPILE_SECONDS_PER_OPERATION * self.operations + first
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
         """Add the seconds that a kernel would have saved in one call by NumPy with `samples` samples to the sum of
         all calls, and return whether compiling a kernel pays from now on. `chain_length` is the number of samples of
-        each chain of a scan, which NumPy computes one after the other.
+        each chain of a scan, which NumPy computes one after the other; it is 1 without a scan.
 
         Args:
             samples: number of samples of the call.
@@ -145,8 +143,8 @@ class BreakEvenCounter:
 
 @contextlib.contextmanager
 def compile_at_first_call() -> Iterator[None]:
-    """Make the backend "auto" compile a kernel at its first call within a `with` block (context manager), whatever
-    calls came before. It holds for the calling thread only.
+    """Make the backend "auto" compile each kernel at its first call within a `with` block (context manager), whatever
+    calls came before. Other threads are not affected.
 
     So results do not depend on earlier calls.
     """
@@ -158,8 +156,8 @@ def compile_at_first_call() -> Iterator[None]:
 
 
 def mark_shared_code_compiled() -> None:
-    """Record for this process that the code which all kernels share is compiled, so that the estimated time of
-    compiling a kernel is shorter from now on.
+    """Record for this process that the code which all kernels share is compiled. The estimated time of compiling a
+    kernel is shorter from now on.
     """
     global _shared_code_compiled  # noqa: PLW0603 (there is one process)
     _shared_code_compiled = True

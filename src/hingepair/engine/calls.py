@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_reader import MAX_RANK_OF_ONE_SAMPLE, call_descriptor, knows_array_layout
+from hingepair.engine.array_reader import MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE, call_descriptor, knows_array_layout
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, bind, bind_constant
 from hingepair.engine.loops import Loop, Program
@@ -106,7 +106,7 @@ class Call:
         self._fast_path_supported = (
             shape == ()
             and knows_array_layout()
-            and all(len(sample_shape) <= MAX_RANK_OF_ONE_SAMPLE for sample_shape in sample_shapes)
+            and all(len(sample_shape) <= MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE for sample_shape in sample_shapes)
         )
         self.fast_path: Callable[..., Any] = _no_fast_path
         if backend == "compiled":

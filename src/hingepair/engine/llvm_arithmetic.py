@@ -29,16 +29,16 @@ More of them are stored as single numbers, so that they leave space in the first
 registers take longer to broadcast a number to a vector than to load a vector.
 """
 
-_MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS: Final = 1000
+_MAX_OPERATIONS_OF_UNSPLIT_STEP: Final = 1000
 """Number of operations in a row up to which they are one step, so that fewer values pass through the frame."""
 
-_MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING: Final = 300
+_MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING: Final = 300
 """Number of operations of each step into which more operations are split: LLVM spills few registers then."""
 
-_MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME: Final = 40
+_MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER: Final = 40
 """Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
 
-_LLVM_INSTRUCTION_BY_OPERATION: Final = {
+_LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME: Final = {
     "+": "fadd",
     "-": "fsub",
     "*": "fmul",
@@ -423,7 +423,7 @@ class Arithmetic:
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.float_type} {hexadecimal(rounded)})"
         name, position = self._names.get(id(value), ("", 0))
-        if not name or self._position - position > _MAX_OPERATIONS_BEFORE_RELOAD_FROM_FRAME:
+        if not name or self._position - position > _MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
                 number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}", value.name)
@@ -449,8 +449,8 @@ class Arithmetic:
         if product is not None:
             return self._write_fma(product, value)
         parts = [self.operand(one) for one in value.operands]
-        if value.operation in _LLVM_INSTRUCTION_BY_OPERATION:
-            return put(f"{_LLVM_INSTRUCTION_BY_OPERATION[value.operation]} {kind} {', '.join(parts)}", note)
+        if value.operation in _LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME:
+            return put(f"{_LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME[value.operation]} {kind} {', '.join(parts)}", note)
         if value.operation == "sqrt":
             return self._call_intrinsic("sqrt", parts, note)
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
@@ -574,8 +574,8 @@ def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], 
     the angles of a step.
     """
     count = (
-        -(-len(lines) // _MAX_OPERATIONS_PER_STEP_AFTER_SPLITTING)
-        if len(lines) > _MAX_OPERATIONS_BEFORE_SPLITTING_INTO_STEPS
+        -(-len(lines) // _MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING)
+        if len(lines) > _MAX_OPERATIONS_OF_UNSPLIT_STEP
         else min(len(lines), 1)
     )
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]

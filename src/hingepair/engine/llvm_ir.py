@@ -34,15 +34,15 @@ from hingepair.engine.llvm_shared import declarations
 from hingepair.engine.llvm_sines import lanewise_function
 
 # Declarations of the functions of LLVM that kernels call.
-_LLVM_INTRINSIC_DECLARATIONS: Final = (
+_LLVM_DECLARATIONS_FOR_KERNEL_FUNCTION: Final = (
     "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)"
 )
 
 INTEGERS_PER_KERNEL_TABLE_ROW: Final = 4
 """Number of integers in a row of the kernel's table."""
 
-MIN_OUTPUT_BYTES_FOR_STREAMING_STORES: Final = 2**21
-"""Size of an output from which it is written by streaming stores, past the caches."""
+MIN_OUTPUT_BYTES_ALONG_INNER_AXIS_FOR_STREAMING_STORES: Final = 2**21
+"""Size of an output along the inner axis from which it is written by streaming stores, past the caches."""
 
 
 def kernel_ir(
@@ -69,8 +69,8 @@ def kernel_ir(
 
 
 class _KernelBuilder:
-    """Builder of the LLVM module of one kernel: loops over the samples around calls of the steps of its
-    arithmetic.
+    """Builder of the LLVM module of one kernel: loops over the samples around calls of the steps of its arithmetic.
+    `module` returns the text of the module.
     """
 
     def __init__(self, arithmetic: Arithmetic) -> None:
@@ -92,7 +92,7 @@ class _KernelBuilder:
         definitions = [
             *self.tables,
             *declarations(float_type),
-            _LLVM_INTRINSIC_DECLARATIONS,
+            _LLVM_DECLARATIONS_FOR_KERNEL_FUNCTION,
             *lanewise,
             *steps,
             self.f.text(),
@@ -107,8 +107,8 @@ class _KernelBuilder:
         return name
 
     def call_shared(self, function_name: str, *arguments: str) -> None:
-        """Append to the kernel the call of a shared function, given by its short name. Its arguments, LLVM IR text,
-        are the further positional arguments.
+        """Append to the kernel the call of a shared function, given by its short name. The further positional
+        arguments are the function's arguments as LLVM IR text.
         """
         self.f.do(f"call void {shared_name(function_name, self.arithmetic.float_type)}({', '.join(arguments)})")
 
@@ -157,9 +157,9 @@ class _KernelBuilder:
         f.do("ret void")
 
     def write_direct_blocks(self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter]) -> str:
-        """Append the loop over complete blocks of eight samples whose rows go directly into the outputs; it runs only
-        if all outputs are contiguous and none is streamed. Return the name of the index of the first sample that is
-        left.
+        """Append to the kernel the loop over complete blocks of eight samples whose rows go directly into the
+        outputs. The loop runs only if all outputs are contiguous and none is written by streaming stores. Return the
+        name of the index of the first sample that is left.
         """
         f = self.f
         direct = "true"
@@ -182,8 +182,9 @@ class _KernelBuilder:
     def write_block(
         self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter], inner_index: str, samples_left: str
     ) -> None:
-        """Append the computation of the block of eight inner samples that begins at `inner_index`: the loads by all
-        readers, the steps, and the stores by all writers. Only the first `samples_left` samples exist.
+        """Append to the kernel the computation of the block of eight inner samples that begins at `inner_index`: the
+        loads by all readers, the steps, and the stores by all writers. Only the first `samples_left` samples of the
+        block exist.
         """
         for writer in writers:
             writer.begin_samples(inner_index, samples_left)
@@ -262,7 +263,8 @@ class _InputReader:
 
     def begin_outer(self, outer_index: str) -> None:
         """Append to the kernel the computation of the input's address at an outer sample, and keep the name of the
-        address in `base`. In a scan, the outer sample is the first of eight chains.
+        address in the attribute `base`. For an input in registers, also append the store of the byte offsets of eight
+        samples. In a scan, the outer sample is the first of eight chains.
         """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
@@ -270,8 +272,8 @@ class _InputReader:
             self.store_lane_offsets(f.put(f"sub i64 %outer, {outer_index}") if self.scan else str(LANE_COUNT))
 
     def store_lane_offsets(self, samples_left: str) -> None:
-        """Append the store of the byte offsets of a block's eight samples from its first, for the steps that load
-        them. Only the first `samples_left` samples exist; the others get the offset 0.
+        """Append to the kernel the store of the byte offsets of the eight samples of a block relative to the first of
+        them, which the steps read. Only the first `samples_left` samples exist; the others get the offset 0.
         """
         to = self.f.pointer_at("%places", self.word_offset + 8)
         self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
@@ -364,9 +366,8 @@ class _OutputWriter:
         if not self.group.narrow:
             self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
             if not kernel.scan and self.count <= MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES:
-                large = f.put(
-                    f"icmp sge i64 {f.multiply('%inner', self.row_bytes)}, {MIN_OUTPUT_BYTES_FOR_STREAMING_STORES}"
-                )
+                inner_bytes = f.multiply("%inner", self.row_bytes)
+                large = f.put(f"icmp sge i64 {inner_bytes}, {MIN_OUTPUT_BYTES_ALONG_INNER_AXIS_FOR_STREAMING_STORES}")
                 odd = f.put(f"and i64 {f.put(f'or i64 {self.address}, {self.outer}')}, {self.number_bytes - 1}")
                 aligned = f.put(f"icmp eq i64 {odd}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
@@ -375,9 +376,9 @@ class _OutputWriter:
         self.stage = f.pointer_at(buffer, CACHE_LINE_BYTES)
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append to the kernel the computation of the output's address at an outer sample, and keep the names of the
-        address as an integer and as a pointer in `start` and `base`. In a scan, the outer sample is the first of
-        eight chains.
+        """Append to the kernel the computation of the output's address at an outer sample. The names of the address
+        as an integer and as a pointer are kept in the attributes `start` and `base`. In a scan, the outer sample is
+        the first of eight chains.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")
@@ -394,9 +395,9 @@ class _OutputWriter:
         self.f.do(f"store ptr {address}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
 
     def begin_samples(self, inner_index: str, samples_left: str) -> None:
-        """Append the choice of where the rows of the block at `inner_index` are written: into the output, or first
-        into the stage, a buffer on the stack. The first `samples_left` of its eight samples exist. Keeps the names of
-        index, address and choice in attributes for `write_samples`.
+        """Append to the kernel the choice of where the rows of the block at `inner_index` are written: into the
+        output, or first into the stage, a buffer on the stack. The first `samples_left` of the block's eight samples
+        exist. The names of index, address and choice are kept in attributes for `write_samples`.
         """
         f = self.f
         self.i, self.to, self.rest = inner_index, self.row(inner_index), samples_left
@@ -423,8 +424,9 @@ class _OutputWriter:
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
-        """Append the stores that bring the rows of the block of `begin_samples` into the output: from the frame, or
-        from the stage (a buffer on the stack) if the steps have written the rows there.
+        """Append to the kernel the stores that bring the rows of the block of `begin_samples` into the output: from
+        the frame, the kernel's buffer of vectors, or from the stage (a buffer on the stack) if the steps have written
+        the rows there.
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"

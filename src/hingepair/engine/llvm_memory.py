@@ -27,16 +27,17 @@ MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES: Final = 512
 
 _LLVM_CACHE_LINE_TYPE: Final = f"<{CACHE_LINE_BYTES // 8} x i64>"  # LLVM's type of a cache line
 # Parameters of a function that stores samples into an output of any strides.
-_LLVM_OUTPUT_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
+_LLVM_STRIDED_OUTPUT_PARAMETERS: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 
-LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION: Final = {
+LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION_NAME: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
-    "scatter": f"ptr noalias %from, i64 %count, {_LLVM_OUTPUT_PARAMETERS}",
+    "scatter": f"ptr noalias %from, i64 %count, {_LLVM_STRIDED_OUTPUT_PARAMETERS}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
-    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_LLVM_OUTPUT_PARAMETERS}",
+    "panels": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, "
+    f"{_LLVM_STRIDED_OUTPUT_PARAMETERS}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
 """Parameter list (LLVM IR) of each memory function, by its name; the functions return nothing.
@@ -74,12 +75,14 @@ def _begin_function(name: str, float_type: str) -> FunctionBuilder:
     """Return the builder of the shared memory function with this short name, begun with its signature, for numbers of
     type "double" or "float".
     """
-    return FunctionBuilder(f"void {shared_name(name, float_type)}({LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION[name]})")
+    return FunctionBuilder(
+        f"void {shared_name(name, float_type)}({LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION_NAME[name]})"
+    )
 
 
 def _lanes_function(float_type: str, _: int) -> str:
     """Return the LLVM code of the function `lanes`, which stores the byte offset of the sample in each of the lanes 1
-    to 7 from the sample in lane 0. Lanes beyond the last sample get the offset 0.
+    to 7 from the sample in lane 0. Lanes beyond the last sample get the offset 0. The second argument is not used.
 
     With the offset 0, these lanes repeat the first sample.
     """
@@ -92,7 +95,7 @@ def _lanes_function(float_type: str, _: int) -> str:
 
 def _lane_offsets(f: FunctionBuilder) -> list[str]:
     """Append to the function `f` the computation of the byte offset of the sample in each of the lanes 1 to 7 from
-    the sample in lane 0; it is 0 beyond the last sample. Return the list of the names of the offsets.
+    the sample in lane 0; the offset is 0 beyond the last sample. Return the list of the names of the offsets.
     """
     inside = [f.put(f"icmp slt i64 {k}, %rest") for k in range(1, LANE_COUNT)]
     return [f.put(f"select i1 {one}, i64 {f.multiply('%stride', k)}, i64 0") for k, one in enumerate(inside, 1)]
@@ -188,7 +191,7 @@ def _scatter_function(float_type: str, number_bytes: int) -> str:
 
 def _rows_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM code of the function `rows`, which reads the vectors of components from the frame, a kernel's
-    buffer of vectors, and stores them as eight rows, `pitch` bytes apart.
+    buffer of vectors, and stores them as eight rows. Its argument `pitch` is the distance [bytes] from row to row.
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
     the frame. The first offset of a tile of one constant has its bits flipped; where `filled`, the rows hold such

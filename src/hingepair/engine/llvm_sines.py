@@ -11,26 +11,26 @@ SINE_OPERATION_NAMES: Final = ("sin", "cos", "versine")  # in the order in which
 DOUBLE_VECTOR_TYPE: Final = f"<{LANE_COUNT} x double>"  # LLVM's type of a vector of doubles, one for each lane
 
 _MAX_REDUCIBLE_ANGLE_RAD: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
-_INTEGER_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52; adding it rounds to an integer in the low bits
+_ADDEND_THAT_ROUNDS_DOUBLE_TO_INTEGER: Final = 6755399441055744.0  # 1.5 * 2^52; the integer is in the low bits
 _HALF_PI_SUMMANDS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
 # Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r - r) / r^3 with a relative error of 2e-17
 # and (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18.
-_SIN_CUBIC_REMAINDER_COEFFS: Final = (
+_SIN_CUBIC_REMAINDER_COEFFS_HIGHEST_FIRST: Final = (
     *(1.5918115263265974e-10, -2.505113165023518e-08, 2.7557316101617874e-06),
     *(-0.00019841269836756774, 0.008333333333330948, -0.16666666666666666),
 )
 # Coefficients of the second polynomial, highest power first.
-_COS_QUARTIC_REMAINDER_COEFFS: Final = (
+_COS_QUARTIC_REMAINDER_COEFFS_HIGHEST_FIRST: Final = (
     *(-1.1382623647474604e-11, 2.087614614655861e-09, -2.7557317271145144e-07),
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),
 )
 _TWO_OVER_PI: Final = 0.6366197723675814  # quarter turns per radian
 _SINE_FUNCTION_CONSTANTS: Final = (
     *_HALF_PI_SUMMANDS,
-    *_SIN_CUBIC_REMAINDER_COEFFS,
-    *_COS_QUARTIC_REMAINDER_COEFFS,
+    *_SIN_CUBIC_REMAINDER_COEFFS_HIGHEST_FIRST,
+    *_COS_QUARTIC_REMAINDER_COEFFS_HIGHEST_FIRST,
     _TWO_OVER_PI,
-    _INTEGER_ROUNDING_OFFSET,
+    _ADDEND_THAT_ROUNDS_DOUBLE_TO_INTEGER,
     0.5,
     1.0,
     _MAX_REDUCIBLE_ANGLE_RAD,
@@ -38,7 +38,7 @@ _SINE_FUNCTION_CONSTANTS: Final = (
 """All constants of the generated sines, in the order of their table in memory."""
 
 
-LLVM_PARAMETER_LIST_BY_SINE_FUNCTION: Final = {
+LLVM_PARAMETER_LIST_BY_SINE_FUNCTION_NAME: Final = {
     "sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"
 }
 """Parameter list (LLVM IR) of each sine function that kernels call, by its name."""
@@ -66,8 +66,8 @@ declare double @cos(double)"""
 
 
 def _constants_table() -> str:
-    """Return the LLVM definitions of the table of constants that the sines use, and of a global variable that points
-    to the table.
+    """Return the LLVM definitions, as text, of the table of constants that the sines use and of a global variable
+    that points to the table.
 
     LLVM cannot know the content of a variable, and so loads each constant in the instruction that uses it. For
     constants in the code, LLVM would load the addresses first and keep all of them in registers, which would spill.
@@ -89,7 +89,9 @@ def _sines_function(float_type: str) -> str:
     """
     size = 8 if float_type == "double" else 4
     vector = f"<{LANE_COUNT} x {float_type}>"
-    f = FunctionBuilder(f"void {shared_name('sines', float_type)}({LLVM_PARAMETER_LIST_BY_SINE_FUNCTION['sines']})")
+    f = FunctionBuilder(
+        f"void {shared_name('sines', float_type)}({LLVM_PARAMETER_LIST_BY_SINE_FUNCTION_NAME['sines']})"
+    )
     scratch = f.put(f"alloca [4 x {DOUBLE_VECTOR_TYPE}], align 64")
     f.do("%constants = load ptr, ptr @constants.address, align 8")
     with f.loop("%count") as k:
@@ -159,17 +161,21 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
     def pick(condition: str, a: str, b: str) -> str:
         return put(f"select <{LANE_COUNT} x i1> {condition}, {DOUBLE_VECTOR_TYPE} {a}, {DOUBLE_VECTOR_TYPE} {b}")
 
-    shifted = fma(x, constant(_TWO_OVER_PI), constant(_INTEGER_ROUNDING_OFFSET))
+    shifted = fma(x, constant(_TWO_OVER_PI), constant(_ADDEND_THAT_ROUNDS_DOUBLE_TO_INTEGER))
     quadrant = put(f"bitcast {DOUBLE_VECTOR_TYPE} {shifted} to {integers}")
-    back = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(_INTEGER_ROUNDING_OFFSET)}, {shifted}")
+    back = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(_ADDEND_THAT_ROUNDS_DOUBLE_TO_INTEGER)}, {shifted}")
     r = x
     for part in _HALF_PI_SUMMANDS:
         r = fma(back, constant(part), r)
     z = put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {r}")
-    small = fma(put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {z}"), polynomial(z, _SIN_CUBIC_REMAINDER_COEFFS), r)
+    small = fma(
+        put(f"fmul {DOUBLE_VECTOR_TYPE} {r}, {z}"), polynomial(z, _SIN_CUBIC_REMAINDER_COEFFS_HIGHEST_FIRST), r
+    )
     square = put(f"fneg {DOUBLE_VECTOR_TYPE} {put(f'fmul {DOUBLE_VECTOR_TYPE} {z}, {z}')}")
     drop = fma(
-        square, polynomial(z, _COS_QUARTIC_REMAINDER_COEFFS), put(f"fmul {DOUBLE_VECTOR_TYPE} {z}, {constant(0.5)}")
+        square,
+        polynomial(z, _COS_QUARTIC_REMAINDER_COEFFS_HIGHEST_FIRST),
+        put(f"fmul {DOUBLE_VECTOR_TYPE} {z}, {constant(0.5)}"),
     )
     large = put(f"fsub {DOUBLE_VECTOR_TYPE} {constant(1.0)}, {drop}")
     odd = bit(1, quadrant)
@@ -203,8 +209,8 @@ def _large_angles_function() -> str:
 
 
 def lanewise_function(name: str) -> str:
-    """Return LLVM code that declares the function of the C library with this name, which takes two doubles, and
-    defines a function that calls it for each lane of two vectors.
+    """Return LLVM code, as text, that declares the function of the C library called `name`, which takes two doubles,
+    and defines a function that calls it for each lane of two vectors.
     """
     f = FunctionBuilder(
         f"internal {DOUBLE_VECTOR_TYPE} @lanes.{name}({DOUBLE_VECTOR_TYPE} %a, {DOUBLE_VECTOR_TYPE} %b) noinline"

@@ -59,7 +59,7 @@ Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 _NUMPY_SAMPLES_PER_BLOCK: Final = 2048
 """Number of samples that NumPy computes at a time: 16 kB for each component."""
 
-_MAX_BYTES_PER_DTYPE_CONVERSION: Final = 4_000_000
+_MAX_BYTES_PER_BLOCK_OF_CONVERTED_INPUTS: Final = 4_000_000
 """Number of bytes that are converted to another dtype at a time (one block is still held while the next is made)."""
 
 _WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
@@ -255,7 +255,7 @@ class Program:
             run_kernel(kernel.run, layout, bound.arrays, targets, constants, execution.workers, chained)
         else:  # in blocks, so that the converted copies take little memory
             sample_bytes = dtype.itemsize * sum(array.shape[-1] for array in bound.arrays)
-            for block in split_into_blocks(shape, max(1, _MAX_BYTES_PER_DTYPE_CONVERSION // sample_bytes)):
+            for block in split_into_blocks(shape, max(1, _MAX_BYTES_PER_BLOCK_OF_CONVERTED_INPUTS // sample_bytes)):
                 converted = [load(array, (*block, slice(array.shape[-1])), dtype) for array in bound.arrays]
                 buffers = {name: array[block] for name, array in out.items()}
                 block_shape = tuple(axis.stop - axis.start for axis in block)

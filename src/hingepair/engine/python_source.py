@@ -15,10 +15,9 @@ from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
 from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, versine, versines
 
-_MAX_CHARACTERS_PER_GENERATED_LINE = 110  # number of characters of a generated line of arguments or results
-_MAX_CHARACTERS_PER_EXPRESSION = (
-    300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
-)
+_MAX_CHARACTERS_PER_LINE_OF_ARGUMENTS_OR_RESULTS = 110  # in generated source
+# Number of characters of an expression beyond which its value gets a name: Python nests 200 parentheses at most.
+_MAX_CHARACTERS_OF_UNNAMED_EXPRESSION = 300
 # Precedence of expressions in Python: a higher number binds more tightly.
 _PRECEDENCE_BY_OPERATOR = {"+": 1, "-": 1, "*": 2, "/": 2}
 _NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
@@ -42,7 +41,7 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
         if value.operation == "input":
             continue
         written = _expression(value, text)
-        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_CHARACTERS_PER_EXPRESSION:
+        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_CHARACTERS_OF_UNNAMED_EXPRESSION:
             variable = names.unused(value.name or "t")
             body.append(f"    {variable} = {written[0]}")
             written = variable, _ATOM_PRECEDENCE
@@ -59,7 +58,7 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
     Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
-    fast, safe = _compile_function(name, source, _FLOAT_FUNCTION_BY_NAME), compile_for_arrays(name, source)
+    fast, safe = _compile_function(name, source, _FLOAT_FUNCTION_BY_OPERATION_NAME), compile_for_arrays(name, source)
 
     def floats_function(*numbers: float) -> tuple[Any, ...]:
         """Return the tuple of results for Python floats, computed with NumPy's numbers if Python raises an arithmetic
@@ -78,7 +77,7 @@ def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]
     """Execute the source of the function with this name, and return the function for NumPy arrays and numbers. The
     function returns a tuple of arrays and numbers.
     """
-    return _compile_function(name, source, _NUMPY_FUNCTION_BY_NAME)
+    return _compile_function(name, source, _NUMPY_FUNCTION_BY_OPERATION_NAME)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
@@ -87,11 +86,11 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
     """
 
     def library_or_float(numpy_name: str) -> Callable[..., Any]:
-        """Return a function that calls the library's function for arrays of the library, and NumPy's function for
-        numbers, whose result it converts to a float.
+        """Return a function that calls the library's function for arrays of the library and NumPy's function for
+        numbers. The result for numbers is converted to a float.
         """
-        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_NAME[numpy_name]
-        arrays = getattr(library.namespace, _ARRAY_API_NAME_BY_NUMPY_NAME.get(numpy_name, numpy_name))
+        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_OPERATION_NAME[numpy_name]
+        arrays = getattr(library.namespace, _ARRAY_API_FUNCTION_NAME_BY_NUMPY_NAME.get(numpy_name, numpy_name))
 
         def call(*operands: Any) -> Any:
             return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))
@@ -134,7 +133,7 @@ def identifier(name: str) -> str:
     ('arm_left_c_d', '_2nd', '_lambda', '_sin')
     """
     stem = re.sub(r"\W", "_", name, flags=re.ASCII)
-    reserved = stem in _FLOAT_FUNCTION_BY_NAME or stem in {"nan", "inf"}
+    reserved = stem in _FLOAT_FUNCTION_BY_OPERATION_NAME or stem in {"nan", "inf"}
     return f"_{stem}" if reserved or not stem.isidentifier() or keyword.iskeyword(stem) else stem
 
 
@@ -189,20 +188,20 @@ def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) ->
 
 
 def _parenthesise(part: tuple[str, int], precedence: int) -> str:
-    """Return the source of `part`, a pair (Python source, its precedence), in parentheses if that precedence is below
-    the given one.
+    """Return the source of `part`, a pair (Python source, its precedence), in parentheses if the precedence of the
+    part is below `precedence`.
     """
     return part[0] if part[1] >= precedence else f"({part[0]})"
 
 
 def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]:
     """Return the list of source lines that contain the opening text, the items separated by commas, and the closing
-    text. Lines are wrapped at a maximum length.
+    text. The lines are wrapped at a maximum length.
     """
     lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
     for i, item in enumerate(items):
         piece = f", {item}" if i else item
-        if len(lines[-1]) + len(piece) > _MAX_CHARACTERS_PER_GENERATED_LINE:
+        if len(lines[-1]) + len(piece) > _MAX_CHARACTERS_PER_LINE_OF_ARGUMENTS_OR_RESULTS:
             lines[-1] += "," if i else ""
             lines.append(indent + item)
         else:
@@ -212,7 +211,7 @@ def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]
 
 
 # Functions that generated code calls for Python floats, by name.
-_FLOAT_FUNCTION_BY_NAME: dict[str, Any] = {
+_FLOAT_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
     "versine": versine,
@@ -222,7 +221,7 @@ _FLOAT_FUNCTION_BY_NAME: dict[str, Any] = {
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
 # Functions that generated code calls for NumPy arrays, by name.
-_NUMPY_FUNCTION_BY_NAME: dict[str, Any] = {
+_NUMPY_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -231,5 +230,5 @@ _NUMPY_FUNCTION_BY_NAME: dict[str, Any] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-_ARRAY_API_NAME_BY_NUMPY_NAME = {"arctan2": "atan2"}
+_ARRAY_API_FUNCTION_NAME_BY_NUMPY_NAME = {"arctan2": "atan2"}
 """Names of functions in the array API standard, where they differ from NumPy's."""

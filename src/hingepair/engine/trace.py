@@ -227,14 +227,14 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
 
 
 # Suffixes of the names of components, by their number.
-_COMPONENT_SUFFIXES_BY_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
+_NAME_SUFFIXES_BY_COMPONENT_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 
 def component_name(name: str, k: int, count: int) -> str:
     """Return the name that component k of a result or input with `count` components has in generated code: `name`
     itself if count is 1, else `name` with a suffix such as _x or _1.
     """
-    suffixes = _COMPONENT_SUFFIXES_BY_COUNT.get(count)
+    suffixes = _NAME_SUFFIXES_BY_COMPONENT_COUNT.get(count)
     return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
 
 
