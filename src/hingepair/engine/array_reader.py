@@ -32,7 +32,7 @@ _ARRAY_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
 _ARRAY_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
 
 MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE: Final = 3
-"""Largest number of axes of one sample that the code reads; calls with more axes go through Python."""
+"""Largest number of axes of one sample; calls with arrays whose samples have more axes go through Python."""
 
 _INTEGERS_PER_ARGUMENT_IN_CALL_DESCRIPTOR: Final = 3 + MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE
 """Number of integers that describe an argument: row of the kernel's table, rank, components, lengths of axes."""
@@ -88,9 +88,9 @@ def call_descriptor(
 ) -> list[int]:
     """Return the list of integers that tell the machine code of `call_ir` the address of the kernel, how many
     arguments to expect, and how each is laid out. `inputs` holds pairs (shape of one sample, index among the kernel's
-    inputs, or -1 for an input that the kernel does not take), `outputs` the shapes of one sample; `has_constants`
-    says that the kernel takes constants first. From `min_unlocked_samples` samples on, the machine code releases the
-    interpreter's lock (GIL).
+    inputs, or -1 for an input that the kernel does not take), and `outputs` holds the shapes of one sample.
+    `has_constants` says whether the kernel takes constants first. From `min_unlocked_samples` samples on, the machine
+    code releases the interpreter's lock (GIL).
 
     Args:
         inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that

@@ -34,9 +34,9 @@ _FOLDED_NUMBER_BY_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
 
 
 class BoundInputs(NamedTuple):
-    """The inputs of a loop, sorted. `pattern` holds the source of each component (a number that is known, a pair of
-    the index of an array and a component of it, or None for the next constant), `constants` the numbers that are
-    equal at all samples, and `arrays` the arrays that vary by sample.
+    """The inputs of a loop, sorted. `pattern` holds the source of each component: a known number, a pair (index of an
+    array, index of the component in the array), or None for the next constant. `constants` holds the other numbers
+    that are equal at all samples, and `arrays` the arrays that vary by sample.
 
     Attributes:
         pattern: the source of each component of each input.
@@ -79,9 +79,9 @@ def bind(
     keep_single_samples: bool = False,
 ) -> BoundInputs:
     """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
-    `BoundInputs`. input_shapes holds pairs (name, shape of one sample), and `values` holds numbers, arrays or tuples
-    of them by name; carried_names are the inputs that a scan carries from sample to sample. Arrays of one sample
-    become constants unless keep_single_samples is true.
+    `BoundInputs`. input_shapes holds pairs (name, shape of one sample), and `values` is a dictionary of numbers,
+    arrays or tuples of them by name. carried_names are the names of the inputs, arrays, that a scan carries from
+    sample to sample. Arrays of one sample become constants unless keep_single_samples is true.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.
@@ -140,8 +140,8 @@ def bind(
 
 def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
     """Sort inputs by the rules of `bind`, and return the tuple (pattern, constants, arrays), in which each array is
-    one component. `values` holds numbers and arrays of another library by name, a vector as a tuple of them;
-    input_shapes holds pairs (name, shape of one sample).
+    one component. `values` is a dictionary of the inputs by name: numbers and arrays of another library, or tuples of
+    them for vectors. input_shapes holds pairs (name, shape of one sample).
 
     Returns:
         The pattern, the constants, and the arrays, each of which is one component.
@@ -166,8 +166,9 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
 
 
 def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[NDArray[Any]]:
-    """Yield views of an array in which the last axis holds the components of one sample. One view holds them all if
-    the strides allow that, else several views are yielded in order; `sample_shape` () adds an axis of length 1.
+    """Yield views of an array in which the last axis holds the components of one sample. One view holds all
+    components if the strides allow that; otherwise several views follow each other. If `sample_shape` is (), the view
+    has an additional last axis of length 1.
     """
     if not sample_shape:
         yield array[..., None]
@@ -242,9 +243,9 @@ def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], 
 
 
 def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a tuple with an array's stride [bytes] along each axis of the samples; the stride is 0 where the array
-    is broadcast. `array_form` is the pair (shape, strides) of the array, whose last axis, that of the components, is
-    left out.
+    """Return a tuple with an array's stride [bytes] along each axis of the samples, which is 0 where the array is
+    broadcast. `array_form` is the pair (shape, strides) of the array; its last axis holds the components and is left
+    out.
     """
     lengths, strides = array_form
     own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
@@ -252,8 +253,8 @@ def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tupl
 
 
 def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Merge neighbouring axes of the samples that every array steps through with one common stride. Return the list
-    of at least two lengths and the array of strides (array, axis). `shape` holds the lengths of the axes and
+    """Merge neighbouring axes of the samples if every array steps through them with one common stride. Return the
+    list of at least two lengths and the array of strides (array, axis). `shape` holds the lengths of the axes and
     `strides` their strides, one row for each array.
     """
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
@@ -277,9 +278,9 @@ def run_kernel(
     workers: int,
     is_scan: bool = False,
 ) -> None:
-    """Run a kernel, which writes the outputs of all samples into `outputs`. kernel_function is the compiled function,
-    `layout` the `ArrayLayout` of the inputs and outputs, and `constants` an array or None. At most `workers` threads
-    share the samples of the inner axis; if `is_scan` is true, they share the chains.
+    """Run a kernel, which writes the outputs of all samples into the arrays `outputs`. kernel_function is the
+    compiled function, `layout` the `ArrayLayout` of the inputs followed by the outputs, and `constants` an array or
+    None. At most `workers` threads share the samples of the inner axis; if `is_scan` is true, they share the chains.
 
     Args:
         kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).
@@ -320,8 +321,8 @@ def run_kernel(
 
 
 def run_in_threads(function: Callable[[Any], None], arguments: Sequence[Any]) -> None:
-    """Call `function` with each of the arguments, each in a thread of its own, and wait for all. A single argument is
-    handled in this thread; an error in a thread is raised here.
+    """Call `function` with each of the arguments, each in a thread of its own, and wait until all calls have ended. A
+    single argument is handled in the calling thread. An error in a thread is raised here.
     """
     if len(arguments) == 1:
         function(arguments[0])

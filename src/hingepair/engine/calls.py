@@ -42,7 +42,7 @@ _MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL: Final = 100_000
 
 
 class Call:
-    """A loop with fixed constants, which is called with arrays of one state or of many. A call is computed by the
+    """A loop with fixed constants; the method `run` takes arrays of one state or of many. A call is computed by the
     function `fast_path` (generated Python for one state, or machine code) if that supports the arguments, else by
     `Loop.run`.
 
@@ -159,8 +159,8 @@ class Call:
 
     def _make_kernel_path(self, kernel_function: Callable[..., bool | int]) -> Callable[..., Any]:
         """Return a generated Python function that takes the arguments of a call in order and returns its results, or
-        None if they are not supported. It allocates the outputs, runs kernel_function, the machine code, for one
-        state or a batch along one axis, and checks the limits.
+        None if the arguments are not supported. The function allocates the outputs, runs kernel_function, the machine
+        code, for one state or a batch along one axis, and checks the limits.
         """
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
@@ -242,8 +242,8 @@ class Call:
         return [*source, "    return result"]
 
     def _execute_source(self, source_lines: list[str], function_name: str, **values: Any) -> Callable[..., Any]:
-        """Execute generated source lines, and return the function with the given name that they define. Keyword
-        arguments become global variables of the source, beside those that all sources use.
+        """Execute lines of generated source, and return the function called function_name that they define. Keyword
+        arguments become global variables of the source, in addition to those that all sources use.
 
         Args:
             source_lines: the lines of the source.
@@ -311,8 +311,8 @@ class Call:
         return self._make_result(arrays, shape)
 
     def _make_result(self, arrays: Mapping[str, Any], shape: ArrayShape) -> Any:
-        """Return a result object with this leading shape, made of arrays of outputs by name. If the call has no
-        result class, return the array of its only output instead.
+        """Return an object of the call's result class that holds arrays by output name, with this leading shape. If
+        the call has no result class, return the array of its only output instead.
         """
         if self.result is None:
             return arrays[self.outputs[0]]
@@ -350,9 +350,9 @@ class Call:
         return result
 
     def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
-        """Run the machine code on the arguments, in order, with the arrays of `out` as its outputs, and return the
-        result. Return None, with nothing written, if the arguments or arrays are not supported or no kernel is in
-        use. Raises an error if a limit is exceeded.
+        """Run the machine code on the arguments, in order, with the arrays of `out` as outputs and new arrays for all
+        other outputs, and return the result. Return None, with nothing written, if the arguments or arrays are not
+        supported or no kernel is in use. Raises an error if a limit is exceeded.
 
         Args:
             arguments: the arguments in order.
@@ -388,9 +388,10 @@ class Call:
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
-        """Return the results as arrays of another array library, which computes them; the result class is registered
-        with JAX if JAX is the library. Limits are not checked. Raises an error if `out` or several workers are
-        requested, or if the call has a backend other than "auto".
+        """Return the results as arrays of another array library, which computes them. `values` are the arguments and
+        `shapes` their leading shapes, both by name. Limits are not checked; the result class is registered with JAX
+        if JAX is the library. Raises an error if `out` is not None, `workers` is not 1, or the call has a backend
+        other than "auto".
 
         Args:
             values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
@@ -427,8 +428,8 @@ class Call:
     # ---- limits
 
     def _limits_call(self) -> Call:
-        """Return the cached call that computes only the outputs with limits. It checks the limits before anything is
-        written into `out`.
+        """Return the cached `Call` that computes only the outputs with limits. Running it checks the limits before
+        anything is written into `out`.
         """
         if self._cached_limits_call is None:
             limited = {name: sample_shape for name, sample_shape in self.loop.outputs if name in self._limits}
@@ -562,7 +563,7 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
 
 
 def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
-    """Raise an error if an array of `out` shares memory with another of them or with one of the `inputs`, a
+    """Raise an error if an array of `out` shares memory with another array of `out` or with one of the `inputs`, a
     dictionary by name. The computation would read values that it has overwritten.
     """
     others = [

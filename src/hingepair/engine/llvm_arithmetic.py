@@ -36,7 +36,7 @@ _MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING: Final = 300
 """Number of operations of each step into which more operations are split: LLVM spills few registers then."""
 
 _MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER: Final = 40
-"""Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
+"""A value that was last used more operations ago is loaded again from the frame, which lowers register pressure."""
 
 _LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME: Final = {
     "+": "fadd",
@@ -99,8 +99,8 @@ class KernelStep(NamedTuple):
 
 
 class Arithmetic:
-    """The steps that compute a kernel's values, written as LLVM functions, and the layout of the frame. A frame is
-    the memory through which the steps pass values.
+    """Builder of the steps that compute a kernel's values, which are LLVM functions, and of the layout of the frame,
+    the memory through which the steps pass values. `step_functions` returns the code of the steps.
 
     Args:
         inputs: groups of input components.
@@ -188,8 +188,8 @@ class Arithmetic:
 
     def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
         """Split traced values into steps, and return the list of `KernelStep`, whose names are name_prefix ("once" or
-        "block") and a number. Steps of sines come as early as their angles allow; steps "block" begin and end with
-        arithmetic. Also records which values are the sines of each angle.
+        "block") and a number. Steps of sines come as early as their angles allow; the list for "block" begins and
+        ends with a step of arithmetic. Also records which values are the sines of each angle.
         """
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
@@ -219,9 +219,9 @@ class Arithmetic:
         return [KernelStep(f"{name_prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
     def _schedule_row_stores(self) -> dict[int, list[int]]:
-        """Return a dictionary from the identity (`id`) of a value to the indices of the outputs that are stored right
-        after the value is computed. Only outputs of few components (narrow ones) are included; those under key 0 are
-        stored at the end of the last step.
+        """Return a dictionary from the identity (`id`) of a value to the list of the indices of the outputs that are
+        stored right after the value is computed. Only outputs of few components (narrow ones) are included. The
+        outputs under the key 0 are stored at the end of the last step.
         """
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
@@ -236,8 +236,8 @@ class Arithmetic:
         return finished
 
     def _schedule_loads(self) -> None:
-        """For each needed component of an input in registers, choose the step that loads it, and append the component
-        to that step's `loads`.
+        """Choose, for each needed component of an input in registers, the step that loads the component, and append
+        the component to the `loads` of that step.
 
         This is the first step that reads the component, but no step behind one that stores: an output may overlap an
         input.
@@ -456,8 +456,8 @@ class Arithmetic:
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Return the name of the result of `condition`, a traced comparison a < b. Appends the comparison if the
-        function being built does not contain it yet.
+        """Return the name of the result of `condition`, a traced comparison a < b. If the function being built does
+        not contain the comparison yet, append it.
         """
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
@@ -541,9 +541,9 @@ class Arithmetic:
         self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
     ) -> str:
         """Append to the function being built the shuffles that collect eight consecutive numbers of an output's block
-        of rows, from number `first_number` on, and return the name of the vector. sample_vectors holds for each
-        sample the vectors of eight of its components each, and remaining_vectors the vectors, over all samples, of
-        the last components.
+        of rows, from number `first_number` on, and return the name of the vector. sample_vectors holds, for each
+        sample, vectors of eight of its components each. remaining_vectors holds one vector, over all samples, for
+        each of the last components.
 
         Args:
             sample_vectors: for each sample, vectors that hold eight of its components each.
@@ -570,8 +570,8 @@ class Arithmetic:
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
     """Split a list of traced values into parts of about equal length, one for each step. A list that is short enough
-    for one step is one part, an empty list none. Return a list of pairs of a part and an empty list, which stands for
-    the angles of a step.
+    for one step gives one part, and an empty list gives none. Return a list of pairs (part, empty list); the empty
+    list stands for the angles of a step.
     """
     count = (
         -(-len(lines) // _MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING)

@@ -22,8 +22,8 @@ def shared_name(function_name: str, float_type: str) -> str:
 
 
 def hexadecimal(number: float) -> str:
-    """Return a number in LLVM's hexadecimal notation, exact to the last bit. A number meant as float32 must be
-    rounded beforehand.
+    """Return the text of a floating-point number in LLVM's hexadecimal notation, exact to the last bit. A number
+    meant as float32 must be rounded beforehand.
     """
     return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
 
@@ -157,7 +157,7 @@ class FunctionBuilder:
 
     def splat(self, vector_type: str, typed_number: str) -> str:
         """Append the copy of a number to all lanes of a vector, and return the name of the vector. `typed_number` is
-        the number's type and name, such as "double %v1".
+        the LLVM type and the name of the number, such as "double %v1".
         """
         return self.shuffle(
             vector_type,
@@ -182,7 +182,7 @@ class FunctionBuilder:
         )
 
     def transpose(self, vector_type: str, vectors: list[str]) -> list[str]:
-        """Append the transpose of an 8 x 8 block of numbers, given as the names of eight vectors of this LLVM type,
+        """Append the transpose of an 8 x 8 block of numbers, given as the names of eight vectors of type vector_type,
         and return the list of the names of the eight resulting vectors.
         """
         for step in (1, 2, 4):

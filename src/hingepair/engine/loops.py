@@ -67,8 +67,8 @@ _WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
 
 
 class KernelKey(NamedTuple):
-    """Key by which a program finds a kernel: `uniform` says for each input array whether it is equal for all inner
-    samples, `widths` are the numbers of components of the output arrays, and dtype_char is "d" (float64) or "f"
+    """Key by which a program finds a kernel. `uniform` says for each input array whether it is equal for all inner
+    samples, `widths` holds the numbers of components of the output arrays, and dtype_char is "d" (float64) or "f"
     (float32).
 
     Attributes:
@@ -84,7 +84,7 @@ class KernelKey(NamedTuple):
 
 class Loop:
     """A function of scalars with the shapes of its inputs and outputs. It is traced once for each pattern of inputs,
-    which says what components are known numbers, constants or arrays, and run over many samples by NumPy, Python or
+    which says which components are known numbers, constants or arrays, and run over many samples by NumPy, Python or
     machine code.
 
     Args:
@@ -121,9 +121,10 @@ class Loop:
     def run(
         self, values: Mapping[str, Any], out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Compute the outputs of all samples from `values`, the inputs by name, and write them into the arrays of
-        `out`, whose shape is (*shape, *shape of one sample). `execution` holds the backend and the number of threads.
-        May compile a kernel; the backend "compiled" raises an error if that fails.
+        """Compute the outputs of all samples from `values`, a dictionary of numbers, arrays and tuples of them by
+        input name, and write them into the arrays of `out`, a dictionary by output name. Each of these arrays has the
+        shape (*shape, *shape of one sample). `execution` holds the backend and the number of threads. May compile a
+        kernel; the backend "compiled" raises an error if that fails.
 
         Args:
             values: inputs by name: arrays with the components last, or tuples of components; a component is a number
@@ -141,8 +142,9 @@ class Loop:
         self.program(bound.pattern).run(bound, out, shape, dtype, execution)
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
-        """Return a dictionary of outputs computed by another array library from `values`, the inputs by name. Each
-        output is a tuple of its components, also if it is a scalar.
+        """Return a dictionary of outputs computed by another array library from `values`, a dictionary of numbers,
+        arrays of the library and tuples of them by input name. Each output is a tuple of its components, also if the
+        output is a scalar.
 
         Args:
             values: inputs by name: numbers and arrays of the library, vectors as tuples of numbers and arrays.
@@ -210,8 +212,8 @@ class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
 
 
 class Program:
-    """A loop's function, traced and folded for one pattern of inputs (what components are known numbers, constants or
-    arrays), with its generated Python functions and its compiled kernels.
+    """A loop's function, traced and folded for one pattern of inputs (which components are known numbers, constants
+    or arrays), with its generated Python functions and its compiled kernels.
 
     Args:
         loop: the loop.
@@ -231,8 +233,8 @@ class Program:
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
         """Compute the outputs from `bound`, the bound inputs, by NumPy, Python or a kernel, as `execution` says, and
-        write them into the arrays of `out`. `shape` is the shape of the samples. May compile a kernel; the backend
-        "compiled" raises an error if that fails.
+        write them into the arrays of `out`, a dictionary by output name. `shape` is the shape of the samples. May
+        compile a kernel; the backend "compiled" raises an error if that fails.
         """
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
@@ -272,9 +274,9 @@ class Program:
         )
 
     def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Return the kernel with this key if it exists; else count a call of so many samples, compile the kernel if
-        that pays now, and return it or None. `samples` is 0 for one state that Python computes; chain_length is the
-        number of samples of each chain of a scan. Warns and returns None if compiling fails.
+        """Return the kernel with this key if it exists. Otherwise count a call with `samples` samples, compile the
+        kernel if that pays now, and return it or None. `samples` is 0 for one state that Python computes;
+        chain_length is the number of samples of each chain of a scan. Warns and returns None if compiling fails.
 
         `backend.BreakEvenCounter` decides when compiling pays.
 

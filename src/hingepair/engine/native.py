@@ -26,8 +26,9 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
 
 
 class Kernel:
-    """A compiled kernel. The constructor compiles it, and raises an error if that fails. It owns the machine code:
-    code that uses `address` or `run` must keep a reference to the kernel.
+    """A compiled kernel, with the address of its machine code (`address`) and a Python function that runs it (`run`).
+    The constructor compiles the kernel, and raises an error if that fails. Code that uses `address` or `run` must
+    keep a reference to the kernel, which owns the machine code.
 
     Args:
         name: name of the kernel in messages.
@@ -136,9 +137,10 @@ def _link_shared_functions(float_type: str) -> None:
 
 @functools.cache
 def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share for numbers of type "double" or "float", and record that for the
-    estimates of compile time. Return the engine that owns their machine code, and a dictionary of their addresses by
-    symbol; the result is cached by number type and by `processor`, the pair that `host_processor` returns.
+    """Compile the functions that all kernels share for numbers of type "double" or "float", and record that they are
+    compiled for the estimates of compile time. Return the engine that owns their machine code, and a dictionary of
+    their addresses by symbol. The result is cached by number type and by `processor`, the pair that `host_processor`
+    returns.
     """
     engine = _compile_module("shared functions", shared_ir(float_type))
     mark_shared_code_compiled()

@@ -118,8 +118,8 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results of a class, made of arrays by name, with this leading shape. An array in `replacements` takes
-    the place of the array with its name.
+    """Return an instance of `result_class` that holds arrays by name, which have the leading shape `shape` already.
+    An array in `replacements` takes the place of the array with the same name.
     """
     return result_class({**arrays, **replacements}, shape)
 
@@ -136,8 +136,8 @@ def _user_view(array: Any) -> Any:
 
 
 def missing_attribute_error(value: object, name: str) -> AttributeError:
-    """Return an AttributeError that says that `value` has no attribute of this name. Its message lists the attributes
-    that exist, unless the name begins with an underscore.
+    """Return an AttributeError which says that `value` has no attribute called `name`. The message lists the
+    attributes that exist, unless the name begins with an underscore.
     """
     existing = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
     return AttributeError(f"{type(value).__name__} has no {name!r}{existing}", name=name, obj=value)

@@ -168,8 +168,8 @@ def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
 
 
 def operation_count(values: Iterable[TracedValue], varying: bool | None = None) -> int:
-    """Return the number of operations among traced values. `varying` True counts only those that vary from sample to
-    sample, False only the others, None all.
+    """Return the number of operations among traced values. If `varying` is True, only operations whose values vary
+    from sample to sample are counted; if it is False, only the others; if it is None, all.
 
     Args:
         values: values of a trace.
@@ -211,8 +211,9 @@ def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` if a < b, else `otherwise`, also if a or b is NaN; of arrays, element by element. For traced
-    values the choice is recorded; tuples are chosen component by component.
+    """Return `then` if a < b, and `otherwise` if not or if a or b is NaN; for arrays, element by element. For traced
+    values, record the choice and return its traced result. If `then` and `otherwise` are tuples, return a tuple,
+    component by component.
     """
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
@@ -240,8 +241,8 @@ def component_name(name: str, k: int, count: int) -> str:
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
     """Set in place the names that the traced components of a value, a scalar or a tuple, have in generated code. The
-    names are `labels`, or `name` and a suffix if `labels` is None. Components that have a name, and negatives, are
-    skipped.
+    names are `labels`, or `name` and a suffix if `labels` is None. Components that have a name already, and negated
+    values, are skipped.
     """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):

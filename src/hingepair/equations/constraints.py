@@ -18,8 +18,9 @@ Two = tuple[Scalar, Scalar]
 
 
 def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
-    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2 (E5), where h1 = f1 x f2 and
-    h2 are the hinge axis in either body. Their norm is the sine of the angle between h1 and h2.
+    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2 (E5). The unit vectors f1
+    and f2 are fixed in body 1, h1 = f1 x f2 is the hinge axis in body 1, and h2 is the hinge axis in body 2. The norm
+    of the tilt is the sine of the angle between h1 and h2.
 
     The components are -f2 . h2 and f1 . h2; both are 0 if the axes are parallel.
     """
@@ -50,7 +51,7 @@ def tilt_bias(
 ) -> Two:
     """Return the second time derivative of `tilt`, two numbers, for zero angular accelerations of both bodies. f_axes
     = (f1, f2) are two axes across the hinge axis in body 1, h2 is the hinge axis in body 2, and relative_omega =
-    omega2 - omega1.
+    omega2 - omega1, all in world axes.
 
     It is c' . (omega2 - omega1), with the axes c of `tilt_axes`.
     """
@@ -76,29 +77,30 @@ def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
     """Return the first time derivative of the residual of E1: (R1 + r1)' - (R2 + r2)'. The vectors r1 and r2 lead
-    from the reference point of either body to the hinge point, world axes.
+    from the reference point of body 1 and of body 2 to the hinge point of that body, world axes.
     """
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
 def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceleration: Vector) -> Vector:
-    """Return the second time derivative of the residual of E1, from a1 and a2 and the second time derivatives of r1
-    and r2.
+    """Return the second time derivative of the residual of E1, a1 + r1'' - (a2 + r2''). r1 and r2 lead from the
+    reference points to the hinge point of body 1 and of body 2; r1_acceleration = r1'' and r2_acceleration = r2''.
     """
     return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
     """Return the second time derivative of the residual of E1 for zero linear and angular accelerations of both
-    bodies. The vectors r1 and r2 lead from the reference point of either body to the hinge point, world axes.
+    bodies. The vectors r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that
+    body, world axes.
     """
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the Jacobian of the rates of gap (E1) and tilt with respect to (v1, omega1, v2, omega2): a 5 x 12 matrix
-    as a flat tuple row by row. tilt_axes is the result of `tilt_axes`; r1 and r2 lead from the reference points to
-    the hinge point.
+    """Return the Jacobian, with respect to (v1, omega1, v2, omega2), of the time derivatives of the residual of E1
+    (three rows) and of the tilt (two rows): a 5 x 12 matrix as a flat tuple row by row. tilt_axes is the result of
+    `tilt_axes`; r1 and r2 lead from the reference points to the hinge point, in world axes.
     """
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
@@ -112,7 +114,7 @@ def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]
 
 def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
     """Return the pair (sin psi, cos psi) times a common positive factor. f_axes = (f1, f2) are two axes across the
-    hinge axis in body 1, and g1, g2 the corresponding axes in body 2.
+    hinge axis in body 1, and g1 and g2 are the axes in body 2 that coincide with them at psi = 0, all in world axes.
 
     From Sh = S1^T S2 C^-1 (E5, E6). The factor is 1 + h1 . h2, which is 2 unless the hinge is tilted.
     Of a tilted hinge, psi is the twist about the axis.
@@ -123,7 +125,8 @@ def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> 
 
 def hinge_rate(h1: Vector, h2: Vector, relative_omega: Vector) -> Two:
     """Return psi' as the pair (numerator, denominator) = ((omega2 - omega1) . (h1 + h2), 1 + h1 . h2), not divided.
-    It holds for tilted hinges too; h1 and h2 are the hinge axis in either body, and relative_omega = omega2 - omega1.
+    The result holds for tilted hinges too; h1 and h2 are the hinge axis in body 1 and in body 2, and relative_omega =
+    omega2 - omega1.
     """
     return eq.dot(relative_omega, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
@@ -136,8 +139,8 @@ def hinge_acceleration(
     psid: Scalar,
 ) -> Two:
     """Return psi'' as a pair (numerator, denominator), not divided: the time derivative of the quotient of
-    `hinge_rate`. h_axes = (h1, h2), omegas = (omega1, omega2), and the relative quantities are omega2 - omega1 and
-    alpha2 - alpha1.
+    `hinge_rate`. h_axes = (h1, h2) are the hinge axis in body 1 and in body 2, omegas = (omega1, omega2),
+    relative_omega = omega2 - omega1, and relative_alpha = alpha2 - alpha1.
     """
     h1, h2 = h_axes
     middle_rate = eq.add(eq.cross(omegas[0], h1), eq.cross(omegas[1], h2))

@@ -26,8 +26,9 @@ def matrix_from_columns(*columns: Entries) -> Entries:
 
 
 def jacobian(turn_axes: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
-    """Return the Jacobian of (v2, omega2) with respect to v1, the rates of body 1's rotations about three turn_axes,
-    and psi': a 6 x 7 matrix as a flat tuple row by row. d = R2 - R1, r2 = S2 u2, and axis = S1 n.
+    """Return the Jacobian of (v2, omega2) with respect to v1, the rates of body 1's rotations about three axes
+    (turn_axes), and psi': a 6 x 7 matrix as a flat tuple row by row. d = R2 - R1, r2 = S2 u2, and axis = S1 n; all
+    are in world axes.
 
     Where turn_axes are the world's axes, the three rates are omega1 (E8, E2): v2 = v1 + omega1 x d + (r2 x S1 n) psi'
     and omega2 = omega1 + S1 n psi', with d = r1 - r2.
@@ -48,8 +49,8 @@ def jacobian_rate(
     turn_axes: Axes, turn_axis_rates: Axes, d_and_rate: tuple[Vector, Vector], r2: Vector, omegas_and_axis: Axes
 ) -> Entries:
     """Return the time derivative of `jacobian`, a 6 x 7 matrix as a flat tuple row by row. turn_axis_rates are the
-    time derivatives of the three turn_axes, d_and_rate = (d, d'), r2 = S2 u2, and omegas_and_axis = (omega1, omega2,
-    S1 n).
+    time derivatives of the three turn_axes, d_and_rate = (d, d') with d = R2 - R1, r2 = S2 u2, and omegas_and_axis =
+    (omega1, omega2, S1 n).
     """
     omega1, omega2, axis = omegas_and_axis
     axis_rate = eq.cross(omega1, axis)
@@ -63,8 +64,8 @@ def jacobian_rate(
 
 
 def projection_across(n: Vector) -> Axes:
-    """Return the three columns of I - n n^T, which projects a change of n to a change that keeps the length of n at
-    1.
+    """Return the three columns of I - n n^T, where n is a unit vector. The matrix projects a change of n to a change
+    that keeps the length of n at 1.
     """
     x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD_UNIT_VECTORS, n, strict=True))
     return x, y, z
@@ -107,8 +108,8 @@ def spins_by_n(S1: Matrix, n: Vector, psid: Scalar) -> Axes:
 
 
 def velocity_by_n(omega2_by_n: Axes, turns: Axes, omega2: Vector, r2: Vector) -> Entries:
-    """Return the derivative of v2 with respect to n (E8), a 3 x 3 matrix as a flat tuple row by row. omega2_by_n are
-    the derivatives of omega2, and `turns` the rotation vectors of body 2, for each component of n.
+    """Return the derivative of v2 with respect to n (E8), a 3 x 3 matrix as a flat tuple row by row. For each
+    component of n, omega2_by_n holds the derivative of omega2, and `turns` the rotation vector of body 2; r2 = S2 u2.
     """
     return matrix_from_columns(
         *(

@@ -36,16 +36,17 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """Return m (a_c - g), the sum of all forces on a body except gravity (D1). A point of the body has the
-    acceleration a, and r leads from it to the centre of mass. omega and alpha are the angular velocity and
-    acceleration of the body, and `g` is the acceleration of gravity.
+    """Return m (a_c - g), the sum of all forces on a body except gravity, where a_c is the acceleration of the centre
+    of mass (D1). A point of the body has the acceleration a, and r leads from the point to the centre of mass. omega
+    and alpha are the angular velocity and acceleration of the body, and `g` is the acceleration of gravity.
     """
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
     """Return the torque about the centre of mass, world axes, that gives a body its omega and alpha (D2). `inertia`
-    is in body axes; omega and alpha are in world axes.
+    is about the centre of mass and in body axes, S is the attitude of the body, and omega and alpha are in world
+    axes.
     """
     to_body = transpose(S)
     body_omega = rotate(to_body, omega)
@@ -94,8 +95,8 @@ def pair_inertia(
     J: Matrix, J2: Matrix, axis: Vector, partial_velocity: Vector, mass: Scalar, lever: Vector
 ) -> PairInertia:
     """Return the inertia of a pair about a point as a tuple: the 3 x 3 matrix for alpha1, the vector that couples
-    alpha1 and psi'', and the number for psi''. To the inertias J (both bodies) and J2 (body 2) it adds a point mass
-    at `lever`, whose velocity for psi' = 1 is partial_velocity; `axis` is the hinge axis.
+    alpha1 and psi'', and the number for psi''. A point of mass `mass` at `lever`, whose velocity for psi' = 1 is
+    partial_velocity, is added to the inertias J (both bodies) and J2 (body 2). `axis` is the hinge axis.
 
     About R1, the mass is body 2's mass at e, and J includes body 1's mass at r1. About the common centre, where no
     term cancels, the mass is the reduced mass m1 m2 / (m1 + m2) at e - r1.
@@ -111,9 +112,9 @@ def pair_inertia(
 def mass_matrix(
     m1: Scalar, m2: Scalar, r1: Vector, e: Vector, partial_velocity2: Vector, inertia_about_R1: PairInertia
 ) -> Entries:
-    """Return the mass matrix M of D6, 7 x 7, as a flat tuple row by row. r1 and e lead from R1 to the centres of
-    mass, partial_velocity2 is the velocity of body 2's centre of mass for psi' = 1, and inertia_about_R1 is the
-    result of `pair_inertia` about R1.
+    """Return the mass matrix M for (a1, alpha1, psi'') (D6), 7 x 7, as a flat tuple row by row. r1 and e lead from R1
+    to the centres of mass of body 1 and body 2, partial_velocity2 is the velocity of body 2's centre of mass for psi'
+    = 1, and inertia_about_R1 is the result of `pair_inertia` about R1.
     """
     zero = 0 * m1
     total = m1 + m2
@@ -134,9 +135,9 @@ def mass_matrix(
 def angular_accelerations(
     inertia: PairInertia, J2: Matrix, torque: Vector, hinge_torque: Scalar
 ) -> tuple[Vector, Scalar, Entries]:
-    """Return (alpha1, psi'', pivot ratios) from the torques about a point (D6). `inertia` is the result of
-    `pair_inertia` about it; J2, body 2's inertia, only scales the last ratio. The four ratios compare each pivot with
-    its diagonal entry; one near 0 means that the inertia is singular.
+    """Return the tuple (alpha1, psi'', pivot ratios) from the torque about a point and the hinge torque (D6).
+    `inertia` is the result of `pair_inertia` about that point; J2, body 2's inertia, only scales the last ratio. The
+    four ratios compare each pivot with its diagonal entry; one near 0 means that the inertia is singular.
 
     The matrix is 4 x 4, symmetric and positive definite; it is factored as L D L^T.
     """
@@ -149,8 +150,8 @@ def angular_accelerations(
 
 
 def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
-    """Solve A x = b by L D L^T, and return the tuple x and the tuple of pivots D. A is symmetric and positive
-    definite, given by the entries on and below its diagonal, row by row.
+    """Solve A x = b by the factorisation A = L D L^T, and return the tuple x and the tuple of pivots D. A is
+    symmetric and positive definite, given by the entries on and below its diagonal, row by row.
     """
     size = len(b)
     lower: list[list[Scalar]] = []
@@ -179,7 +180,7 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
     """Return the kinetic energy of one body (D7). `velocity` is the velocity of the centre of mass, and `inertia` is
-    about the centre of mass; omega and inertia are in common axes.
+    about the centre of mass; omega and `inertia` are in the same axes.
     """
     return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
 
@@ -197,8 +198,8 @@ def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix,
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """Return the number that a force at R2 and a torque on body 2 contribute to the hinge torque: their moment about
-    the hinge axis, where r2 = S2 u2 leads from R2 to the hinge (D4).
+    """Return the number that the force force2 at R2 and the torque torque2 on body 2 contribute to the hinge torque:
+    their moment about the hinge axis, where r2 = S2 u2 leads from R2 to the hinge point (D4).
     """
     return dot(axis, subtract(torque2, cross(r2, force2)))
 

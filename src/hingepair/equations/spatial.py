@@ -103,15 +103,17 @@ def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
 
 
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that does not depend on psi, body-1 axes: u1 less the part of `arm` along the
-    hinge axis. arm = C u2, and lever_cos is its part across the axis.
+    """Return the part of u1 - Sh C u2 that does not depend on psi, in body-1 axes, where Sh is the rotation by psi
+    and C the rotation of body 2 at psi = 0. It is u1 less the part of `arm` along the hinge axis; arm = C u2, and
+    lever_cos is the part of `arm` across the axis.
     """
     return subtract(u1, subtract(arm, lever_cos))
 
 
 def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return the part of Sh C u2 that depends on psi, body-1 axes (E6): lever_cos cos(psi) + lever_sin sin(psi).
-    `cosine` is cos psi, and hinge_trig = (sin psi, 1 - cos psi).
+    """Return the part of Sh C u2 that depends on psi, in body-1 axes (E6): lever_cos cos(psi) + lever_sin sin(psi).
+    Sh is the rotation by psi and C the rotation of body 2 at psi = 0; lever_cos is the part of C u2 across the hinge
+    axis, and lever_sin = n x C u2. `cosine` is cos psi, and hinge_trig = (sin psi, 1 - cos psi).
 
     lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
     """
@@ -126,8 +128,9 @@ def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
 
 
 def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, world axes. lever_sin = n x C u2, lever_cos =
-    lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
+    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, in world axes. lever_sin = n x C u2, where C
+    is the rotation of body 2 at psi = 0, lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine =
+    cos psi.
     """
     return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
 
@@ -162,8 +165,8 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
 
 
 def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return the terms of a2 that depend on psi' and psi'' only: centripetal psi'^2 - lever_by_psi psi'', where
-    lever_by_psi = S1 n x S2 u2 and centripetal = lever_by_psi x S1 n.
+    """Return the terms of a2 that depend on psi' or psi'' but not on the velocity and acceleration of body 1:
+    centripetal psi'^2 - lever_by_psi psi'', where lever_by_psi = S1 n x S2 u2 and centripetal = lever_by_psi x S1 n.
 
     The vector `centripetal` = S1 lever_moving points away from the axis.
     """
@@ -183,7 +186,7 @@ def acceleration2(
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
     """Return the residual of E1, the vector R1 + r1 - (R2 + r2), which is zero if both bodies share the hinge point.
-    r1 and r2 lead from the reference points to the hinge point of either body.
+    r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that body, in world axes.
     """
     return subtract(add(R1, r1), add(R2, r2))
 
@@ -216,7 +219,9 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
 
 
 def orthonormality_terms(S: Matrix) -> tuple[Scalar, ...]:
-    """Return a tuple of seven numbers: the six different entries of S S^T - I, then the determinant of S."""
+    """Return a tuple of seven numbers: the entries xx, yy, zz, xy, yz and zx of S S^T - I, then the determinant of S,
+    where S is a matrix of nine entries.
+    """
     x, y, z = S[0:3], S[3:6], S[6:9]
     lengths = (dot(row, row) - 1.0 for row in (x, y, z))
     return *lengths, dot(x, y), dot(y, z), dot(z, x), dot(x, cross(y, z))
@@ -249,16 +254,16 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of J for Sx Sy Sz (E4).
-    `trig` holds (sin, cos) of the first, second and third angle: six numbers.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of the matrix J for Sx Sy
+    Sz, where omega = J phi' (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of J for Sx Sy Sx (E4).
-    `trig` holds (sin, cos) of the first, second and third angle: six numbers.
+    """Return (b_y, b_z, c_x, c_y, c_z), the entries that vary in the columns (e_x, b, c) of the matrix J for Sx Sy
+    Sx, where omega = J phi' (E4). `trig` holds (sin, cos) of the first, second and third angle: six numbers.
     """
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)
@@ -271,8 +276,9 @@ def angular_velocity1(axis_components: tuple[Scalar, ...], phid: Vector) -> Vect
 
 
 def scaled_third_rate(axis_components: tuple[Scalar, ...], omega: Vector) -> Scalar:
-    """Return the component of omega along e_x x b (E4): phi_z' times cos phi_y, or in proper Euler sequences phi_z'
-    times -sin phi_y. axis_components is the result of `tait_bryan_axes` or `proper_euler_axes`.
+    """Return the component of omega along e_x x b, where b is the second column of J (E4): phi_z' times cos phi_y, or
+    in proper Euler sequences phi_z' times -sin phi_y. axis_components is the result of `tait_bryan_axes` or
+    `proper_euler_axes`.
     """
     return axis_components[0] * omega[2] - axis_components[1] * omega[1]
 

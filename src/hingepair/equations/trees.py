@@ -55,9 +55,10 @@ Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
 
 class Link(NamedTuple):
-    """A joint and the body that it moves; joint k and its body have the number k, from 1 on. `parent` is the parent
-    body's number, `slides` marks a slider, S and u are the pose at q = 0 in the parent; `mass`, `first` and `second`
-    are the body's mass and its first and second moments, and `armature` is the inertia of the motor's rotor.
+    """A joint and the body that it moves; joint k and its body have the number k, from 1 on. `parent` is the number
+    of the parent body, `slides` is true for a slider, and S and u are the attitude and the position of the body at q
+    = 0 in the parent. `mass`, `first` and `second` are the body's mass and its first and second moments; `armature`
+    is the inertia of the motor's rotor.
 
     Attributes:
         parent: number of the body that carries it.
@@ -141,9 +142,9 @@ def to_child(placement: Placement, v: Vector) -> Vector:
 def joint_placements(
     links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
 ) -> list[Placement]:
-    """Return a list of Placements (S, turn, r), one for each joint: the pose of its body in its parent, in which the
-    joint's own turn about z, (sin q, cos q), is kept apart from the fixed rotation S. `turns` holds these turns of
-    hinges and None of sliders; `shifts` holds q of sliders, and its other entries are not read.
+    """Return a list of the `Placement` of each joint: the pose of its body in its parent, in which the rotation about
+    z, `turn` = (sin q, cos q), is kept apart from the fixed rotation S. `turns` holds these pairs for hinges and None
+    for sliders; `shifts` holds q for sliders, and its other entries are not read.
     """
     return [
         Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
@@ -189,8 +190,8 @@ Rates: TypeAlias = tuple[Vector, Vector]
 def body_velocities(
     links: Sequence[Link], body_poses: Sequence[Pose], qd: Sequence[Scalar], base_velocity: Rates
 ) -> list[Rates]:
-    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). body_poses includes the base,
-    qd holds the rates of the joints, and base_velocity is (v, omega) of the base.
+    """Return a list of (v, omega) of all bodies, world axes, the base first (E2, E8). body_poses begins with the
+    base, qd holds the rates of the joints, and base_velocity is (v, omega) of the base.
     """
     velocities = [base_velocity]
     for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
@@ -344,7 +345,7 @@ def outer_sum(a: Vector, b: Vector) -> Symmetric:
 
 class Acceleration(NamedTuple):
     """The motion of a body from which its inertial wrench follows, in body axes: the angular velocity omega, the
-    acceleration `a` of its reference point less gravity, and the matrix B of T1.
+    acceleration `a` of its reference point less gravity, and the matrix B = [alpha]x + [omega]x^2 (T1).
     """
 
     omega: Vector
@@ -450,8 +451,8 @@ def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequ
 
 
 def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Acceleration]) -> list[Wrench]:
-    """Return a list of the wrenches that give each body alone its motion, in the axes of the body, the base first
-    (T2).
+    """Return a list of the wrenches (force, torque) that give each body alone its motion, in the axes of the body,
+    the base first (T2). `motions` is the list of the `Acceleration` of all bodies.
     """
     return [
         inertial_wrench(body.mass, body.first, body.second, motion)
@@ -563,8 +564,8 @@ class SpatialInertia(NamedTuple):
 
 
 class JointElimination(NamedTuple):
-    """The elimination of one joint from an articulated body (T5): the inertia's column U of the joint axis as
-    `torque` and `force`, `share` = 1 / D, and `pivot` = D.
+    """The elimination of one joint from an articulated body (T5). `torque` and `force` are the column U of the body's
+    inertia for the joint axis, `pivot` is D, the entry of U along the axis plus the armature, and `share` is 1 / D.
     """
 
     torque: Vector
@@ -628,7 +629,7 @@ def eliminate_joint(
 ) -> tuple[JointElimination, SpatialInertia]:
     """Return the pair of the `JointElimination` of a joint and the `SpatialInertia` of its articulated body that is
     left for the parent, still in body axes (T5, T10). `inertia` is the articulated body's inertia, `armature` the
-    inertia of the motor's rotor, and `reciprocal` the function that computes 1 / D.
+    inertia of the motor's rotor, and `reciprocal` the function that computes the reciprocal of the pivot.
     """
     J, H, M = inertia
     if is_slider:
@@ -675,8 +676,8 @@ def eliminate_joint(
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
-    """Return armature * share, where `share` is 1 / D and D the inertia of the joint with the armature (T10): the
-    part of a load that the motor's rotor resists. It is exactly 0 if the armature is known to be 0.
+    """Return armature * share, the part of a load that the motor's rotor resists (T10). `share` is the reciprocal of
+    the joint's inertia with the armature. The result is exactly 0 if the armature is known to be 0.
     """
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
@@ -685,7 +686,7 @@ def eliminate_joints(
     base: Base, links: Sequence[Link], placements: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[list[JointElimination], SpatialInertia]:
     """Return the pair of the list of `JointElimination` of all joints and the articulated `SpatialInertia` of the
-    base in base axes (T5). `reciprocal` is the function that computes 1 / D.
+    base in base axes (T5). `reciprocal` is the function that computes the reciprocal of a pivot.
     """
     sums = [rigid_body_inertia(body.mass, body.first, body.second) for body in _bodies(base, links)]
     eliminations: list[JointElimination] = []
@@ -705,9 +706,9 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return the pair of a list and a wrench (T6): the q'' that the loads, one number for each joint, cause at each
-    joint while its parent is at rest, and the wrench (force, torque) on the base in base axes. `eliminations` is the
-    list that `eliminate_joints` returns.
+    """Return a pair (T6): the list of q'' that the loads, one number for each joint, cause at each joint while its
+    parent is at rest, and the wrench (force, torque) that these loads transmit to the base, in base axes.
+    `eliminations` is the list that `eliminate_joints` returns.
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
@@ -739,9 +740,9 @@ def joint_accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """Return a list of q'' of all joints (T6). qdd_by_loads is the list that `accelerations_by_loads` returns,
-    `eliminations` the list that `eliminate_joints` returns, and alpha and a are the accelerations of the base in base
-    axes.
+    """Return a list of q'' of all joints (T6). qdd_by_loads is the list that `accelerations_by_loads` returns, and
+    `eliminations` the list that `eliminate_joints` returns. alpha and a are the accelerations of the base in base
+    axes, zero for a fixed base.
     """
     bodies, qdd = [(alpha, a)], []
     for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):
@@ -794,8 +795,9 @@ def kinetic_energy(
     momenta: Sequence[Wrench],
     qd: Sequence[Scalar],
 ) -> Scalar:
-    """Return the kinetic energy of a tree: half the sum of v . P + omega . L of all bodies and of I q'^2 of all
-    rotors (T7, T10). own_velocities holds (v, omega) and `momenta` holds (P, L), each in the axes of its body.
+    """Return the kinetic energy of a tree: half the sum of v . P + omega . L of all bodies and of the armature times
+    q'^2 of all joints (T7, T10). own_velocities holds (v, omega) and `momenta` holds (P, L), each in the axes of its
+    body.
     """
     doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(own_velocities, momenta, strict=True)]
     doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]
