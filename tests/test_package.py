@@ -44,8 +44,8 @@ def test_import_loads_numpy_and_no_other_package() -> None:
     assert loaded - own - {"hingepair"} == {"numpy"}
 
 
-def test_no_wing_takes_the_name_of_a_function() -> None:
-    """To import a wing would put it where the function was."""
+def test_no_package_takes_the_name_of_a_function() -> None:
+    """To import a package would put it where the function was."""
     rooms = {source.stem for source in PACKAGE.glob("*.py")} | {folder.name for folder in PACKAGE.iterdir()}
     assert not rooms & set(hp.__all__)
 
@@ -56,15 +56,15 @@ def test_everything_exported_exists_once() -> None:
         assert getattr(hp, name).__doc__
 
 
-WINGS = (
+PACKAGES_IN_IMPORT_ORDER = (
     *("errors", "numeric", "equations", "engine", "rotations", "urdf", "plans", "pair", "mechanism", "measured"),
     *("integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "sweeps", "bench"),
     "cli",
 )
-"""From below."""
+"""A package imports only packages that precede it."""
 
 OUTSIDE = {"hingepair", "hingepair.__main__"}
-"""Above all wings."""
+"""Above all packages."""
 
 
 def module_of(source: Path) -> str:
@@ -124,33 +124,35 @@ def imports_of_modules() -> dict[str, set[str]]:
     return {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
 
 
-def imports_of_wings() -> set[tuple[str, str]]:
-    """Pairs of wings of which the first imports the second."""
+def imports_of_packages() -> set[tuple[str, str]]:
+    """Pairs of packages of which the first imports the second."""
     pairs = ((m.split(".")[1], other.split(".")[1]) for m, those in imports_of_modules().items() for other in those)
-    return {(wing, other) for wing, other in pairs if wing != other}
+    return {(package, other) for package, other in pairs if package != other}
 
 
 def test_imports_run_downwards_and_in_no_circle() -> None:
     graphlib.TopologicalSorter(imports_of_modules()).prepare()
-    below = imports_of_wings()
+    below = imports_of_packages()
     for own, other in below:
-        assert WINGS.index(other) < WINGS.index(own), f"{own} imports {other}"
+        assert PACKAGES_IN_IMPORT_ORDER.index(other) < PACKAGES_IN_IMPORT_ORDER.index(own), f"{own} imports {other}"
     level: dict[str, int] = {}
-    for own in WINGS:
+    for own in PACKAGES_IN_IMPORT_ORDER:
         level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
     assert max(level.values()) <= 10, level
 
 
 def diagram_of_imports() -> str:
-    """Mermaid's text of which wing imports which; an import that follows from others is left out."""
-    below = imports_of_wings()
+    """Mermaid's text of which package imports which; an import that follows from others is left out."""
+    below = imports_of_packages()
     reached: dict[str, set[str]] = {}
     lines = ["flowchart TD"]
-    for wing in WINGS:
-        direct = {other for one, other in below if one == wing}
+    for package in PACKAGES_IN_IMPORT_ORDER:
+        direct = {other for one, other in below if one == package}
         beyond = set().union(*(reached[other] for other in direct))
-        reached[wing] = direct | beyond
-        lines += [f"    {wing} --> {other}" for other in sorted(direct - beyond, key=WINGS.index)]
+        reached[package] = direct | beyond
+        lines += [
+            f"    {package} --> {other}" for other in sorted(direct - beyond, key=PACKAGES_IN_IMPORT_ORDER.index)
+        ]
     return "\n".join(lines)
 
 
@@ -236,11 +238,11 @@ def test_a_name_of_a_module_means_one_thing_in_the_package() -> None:
     assert repeated >= SHARED_NAMES, "no longer repeated"
 
 
-@pytest.mark.parametrize("wing", WINGS)
-def test_every_constant_says_what_it_is(wing: str) -> None:
+@pytest.mark.parametrize("package", PACKAGES_IN_IMPORT_ORDER)
+def test_every_constant_says_what_it_is(package: str) -> None:
     """A comment on its line or above it, or a docstring below it."""
     unexplained = []
-    for path in (p for p in SOURCES if p.relative_to(PACKAGE).with_suffix("").parts[0] == wing):
+    for path in (p for p in SOURCES if p.relative_to(PACKAGE).with_suffix("").parts[0] == package):
         text = path.read_text()
         lines, body = text.splitlines(), ast.parse(text).body
         for statement, after in itertools.zip_longest(body, body[1:]):

@@ -27,8 +27,8 @@ t = np.linspace(0, 9, 3001)
 # %%
 # The torque of the spring is 20 N m when the door is closed and 31 N m at 90 degrees, so it is zero at
 # psi = -20/7 rad. The door frame is a rigid stop. The damper of a hydraulic closer is strong above the latching angle
-# of 10 degrees and weaker below it; a function of the user computes this torque, which is added to that of the
-# spring.
+# of 10 degrees and weaker below it. A function of this script computes the torque of the damper, and `HingeLoad` adds
+# the torques of spring, friction and stop.
 stiffness = 7.0  # N m/rad
 latching = np.radians(10)
 
@@ -45,7 +45,7 @@ def closer(damping, latching_damping):
     )
 
 
-cases = {
+cases = {  # damping above and below the latching angle [N m s/rad]
     "spring alone": (0, 0),
     "40 N m s/rad": (40, 40),
     "100 N m s/rad": (100, 100),

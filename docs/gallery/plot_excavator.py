@@ -52,8 +52,8 @@ teeth = state["teeth"]
 
 # %%
 # The soil resists with a force of up to 60 kN while the teeth are below the ground and move towards the machine, and
-# the bucket fills with 1.1 m^3 of soil of 1700 kg/m^3. A wrench is given at the origin of a link, so the moments of
-# both forces about this point are added.
+# the bucket fills with 1.1 m^3 of soil of 1700 kg/m^3. A wrench consists of a force at the origin of a link and a
+# torque, so the moments of both forces about this point are added.
 speed = np.linalg.norm(teeth.v, axis=-1)
 below = np.clip(-teeth.R[:, 2] / 0.2, 0, 1)  # 0 above the ground, 1 from 0.2 m below it
 cut = below * np.clip(-teeth.v[:, 0] / np.maximum(speed, 0.05), 0, 1)

@@ -16,12 +16,12 @@ import hingepair as hp
 # %%
 # The first part computes the rates of the motors. The camera follows a drone that passes overhead at 20 degrees per
 # second. The closer its path is to the zenith, the faster the yaw motor must turn. The rates follow from the angular
-# velocity (the inverse of equation E4), here for the sequence yaw, pitch, roll (ZYX). The angle along the path is
-# zero at its highest point.
+# velocity (the inverse of equation E4), here for the sequence yaw, pitch, roll (ZYX). `along` is the angle along the
+# path, which is zero at the highest point.
 along = np.radians(np.linspace(-60, 60, 1201))
 yaw_rates = {}
 for miss in (20, 5, 2):
-    tilt = hp.rodrigues((1, 0, 0), np.radians(miss))  # the plane of the path misses the zenith by this
+    tilt = hp.rodrigues((1, 0, 0), np.radians(miss))  # the plane of the path misses the zenith by this angle
     S = tilt @ hp.rodrigues((0, 1, 0), along - np.pi / 2)  # x axis: the line of sight
     omega = np.radians(20) * tilt[:, 1]
     rates = hp.euler_rates(hp.matrix_to_euler(S, sequence="ZYX"), omega, sequence="ZYX")
@@ -66,9 +66,9 @@ error = [
 ]
 
 # %%
-# The rotation matrix of the camera is now transformed to another frame and back, as between two programs, which
-# rounds each component. Yaw and roll computed from it lose digits, although the rotation matrix of these Euler angles
-# is accurate. Euler rates computed from omega1 lose digits likewise.
+# The rotation matrix of the camera is now transformed to another frame and back, as between two programs. This rounds
+# each component. Yaw and roll that are computed from the result lose digits, although the rotation matrix of these
+# Euler angles is accurate. Euler rates that are computed from omega1 lose digits likewise.
 other = hp.rotation_exp((0.3, -0.5, 0.7))
 received = other.T @ (other @ state.S1)
 angles = hp.matrix_to_euler(received, sequence="ZYX")

@@ -49,8 +49,8 @@ def seen(R, S, places):
 
 # %%
 # `fit_cluster` computes poses from markers, and `fit` the hinge from poses. The reference point of each pose is the
-# mean of the markers, whose position is the most certain: errors of the attitude do not move it. Both bodies are
-# recorded with one clock.
+# mean of the markers. It is the most certain point of the body, because errors of the attitude do not move it. Both
+# bodies are recorded with one clock.
 mean1, mean2 = on_thigh.mean(axis=0), on_shank.mean(axis=0)
 body1 = hp.fit_cluster(seen(thigh.R, thigh.S, on_thigh), reference=on_thigh - mean1).body
 body2 = hp.fit_cluster(seen(state.R2, state.S2, on_shank), reference=on_shank - mean2).body
@@ -59,8 +59,8 @@ print(fit)
 
 # %%
 # The uncertainty of the axis grows with the distance from the markers. Axes drawn from the covariance of the fit
-# intersect the plane y = 0.1 m, the outer side of the knee, within an ellipse of about a millimetre. Markers on skin
-# move relative to the bone; this error is not part of the recording, and the fit does not contain it.
+# intersect the plane y = 0.1 m, the outer side of the knee, within an ellipse of about a millimetre. In reality,
+# markers on skin also move relative to the bone; neither this recording nor the uncertainty includes this error.
 offset = 0.1
 draws = hp.sample_pairs(fit.pair, 2000, covariance=fit.covariance, seed=1)
 

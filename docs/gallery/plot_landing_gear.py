@@ -39,7 +39,7 @@ for name, (airspeed, load_factor) in cases.items():
     fall = hp.simulate(
         gear, t, aircraft, np.pi / 2, 0.0, hinge_torque=hinge, force2=drag, gravity=gravity, base="fixed"
     )
-    # The hinge exerts on the leg the wrench that the motion requires, minus that of the drag.
+    # The wrench of the hinge on the leg is the wrench that the motion requires, minus the wrench of the drag.
     wrench = gear.hinge_wrench(aircraft, fall.psi, fall.psid, fall.psidd, gravity=gravity)
     lever = -np.einsum("tij,j->ti", fall.S2, gear.u2)  # from the hinge point to the hub
     force = wrench.force - drag

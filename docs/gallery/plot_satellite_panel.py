@@ -26,8 +26,9 @@ pair = hp.HingePair(u1=(0.31, 0, 0.4), u2=(-0.6, 0, 0), n=(0, -1, 0), home=stowe
 start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 
 # %%
-# The torque of the spring is 0.3 N m when the panel is stowed and 0.1 N m when it is unfolded, which holds it against
-# the stop. Dry friction has 0.03 N m. The motion is computed without and with an eddy-current damper.
+# The torque of the spring is 0.3 N m when the panel is stowed. When the panel is unfolded, a torque of 0.1 N m holds
+# it against the stop. The torque of dry friction is 0.03 N m. The motion is computed without and with an eddy-current
+# damper.
 t = np.linspace(0, 15, 1501)
 motions, turns = {}, {}
 for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():

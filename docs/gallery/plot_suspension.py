@@ -27,9 +27,9 @@ car = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 
 # %%
 # Two bushes, 0.4 m apart, carry the arm. The standard deviation of their positions on the car is 0.5 mm in each
-# direction. Their mean shifts u1; their difference tilts the axis and the arm with it. The standard deviation of the
-# direction of the face of the wheel bearing is 0.5 mrad. The covariance of u1, u2, n and the rotation `home` is the
-# sum of those of these sources.
+# direction. The mean of both deviations shifts u1; their difference tilts the axis and the arm with it. The standard
+# deviation of the direction of the face of the wheel bearing is 0.5 mrad. Each source has a covariance of twelve
+# numbers: u1, u2, n and the rotation vector by which `home` deviates. The total covariance is the sum of all sources.
 DISTANCE, n = 0.4, arm.n
 sources = {}
 for number, letter in enumerate("xyz"):
@@ -67,8 +67,8 @@ print(f"toe is out of 10 minutes in {100 * bad:.0f} % of the cars, which need an
 
 # %%
 # `propagate_covariance` computes the same to first order without samples, for each source. Toe is the rotation about
-# z, camber that about x. The positions of the bushes along x cause most of the scatter of toe, and those along z most
-# of that of camber; the bearing face contributes little.
+# z, camber the rotation about x. The positions of the bushes along x cause most of the scatter of toe, and their
+# positions along z cause most of the scatter of camber; the bearing face contributes little.
 shares = {
     name: arm.propagate_covariance(car, 0.0, covariance=part).attitude_std[[2, 0]] for name, part in sources.items()
 }

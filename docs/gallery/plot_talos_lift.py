@@ -51,7 +51,7 @@ print(f"largest mass: {largest.min():.2f} kg, limited by joint {joint + 1} at t 
 
 # %%
 # The motor of the elbow reaches its limit first, at 1.7 kg, with the forearm about horizontal. The last joint of the
-# wrist is the next; the joints of the shoulder stay far below their limits.
+# wrist would be the next; the joints of the shoulder stay far below their limits.
 links = ("torso_2_link", *(f"arm_left_{k}_link" for k in range(1, 8)), "bottle")
 state = robot.forward_kinematics(q, frames=links, outputs=("R",), base_motion=pelvis)
 figure, (side, curves, bars) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.8, 1, 1))

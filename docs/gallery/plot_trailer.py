@@ -76,7 +76,8 @@ print(f"rear axle of the tractor at {radius:.2f} m from the centre, hinge at {np
 print(f"inner side of the trailer at {inner.min():.2f} m: {'passes' if inner.min() >= 5.3 else 'fails'} (5.3 m)")
 
 # %%
-# The swept area, and the distance of the trailer's inner side from the centre of the circle.
+# The left figure shows the swept area, the right figure the distance of the trailer's inner side from the centre of
+# the circle.
 figure, (plan, curve) = plt.subplots(1, 2, figsize=(10, 5.2), layout="constrained", width_ratios=(1.2, 1))
 for outline in (*trailer[::3], *truck[::3]):
     plan.fill(*outline.T, color="lightsteelblue", lw=0)

@@ -28,7 +28,7 @@ print(f"smallest distance of the tool from the axis of joint 1: {np.hypot(x, y).
 print(f"largest distance of the tool from the shoulder: {np.sqrt(x**2 + y**2 + (z - 0.089159) ** 2).max():.3f} m")
 
 # %%
-# The density, in configurations per litre, is counted in rings about the axis of joint 1, and in squares of a
+# The density, in configurations per litre, is computed for rings about the axis of joint 1 and for squares in a
 # horizontal slice.
 rings, edges, heights = np.histogram2d(np.hypot(x, y), z, (95, 200), ((0, 0.95), (-0.9, 1.1)))
 rings /= 1000 * np.pi * np.diff(edges**2)[:, None] * np.diff(heights)
@@ -52,5 +52,6 @@ figure.suptitle(f"Where the tool of a UR5 is, at {COUNT:,} random configurations
 plt.show()
 
 # %%
-# The tool never reaches the axis of joint 1: the wrist is 109 mm beside the plane of the arm, and the tool is 82 mm
-# from the wrist, so that at least 27 mm remain in every configuration.
+# The tool never reaches the axis of joint 1: the wrist is 109 mm to one side of the vertical plane through this axis
+# in which upper arm and forearm move, and the tool is 82 mm from the wrist. At least 27 mm remain in every
+# configuration.
