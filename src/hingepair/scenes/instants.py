@@ -119,7 +119,7 @@ class SampledScene(Shown, abc.ABC):
 
     @property
     def backend(self) -> str:
-        """Name of the backend that computes the scene: "auto" if its instants fit into one block, otherwise
+        """Name of the backend that computes the scene. It is "auto" if the instants fit into one block, otherwise
         "compiled" or "numpy" for every block, so that blocks and the whole agree to the bit.
         """
         return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
