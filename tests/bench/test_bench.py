@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import hingepair as hp
 from hingepair.bench import direct, engines, measure, peers, plot, skip, truth
 from hingepair.bench.measure import Method, Report, Row, available_methods, make_rows, time_interleaved
-from hingepair.bench.peers import OUTPUTS_BY_LEVEL
+from hingepair.bench.peers import OUTPUT_NAMES_BY_LEVEL
 from hingepair.bench.plot import MethodCurve, Panel, draw_panels, write_picture
 from hingepair.cli import bench as command
 from hingepair.cli.main import app
@@ -45,7 +45,7 @@ def run(*options):
 def few(monkeypatch):
     """The methods that start quickly, and few states to compare them by."""
     monkeypatch.setattr(peers, "COMPARED_KINEMATICS_METHODS", FEW)
-    monkeypatch.setattr(direct, "_NUM_RANDOM_STATES_FOR_ERRORS", 3)
+    monkeypatch.setattr(direct, "_NUM_RANDOM_STATES_COMPARED_WITH_EXACT", 3)
     monkeypatch.setattr(direct, "hard_states", lambda rng, parts: tuple(c[:3] for c in truth.hard_states(rng, parts)))
 
 
@@ -53,16 +53,16 @@ def few(monkeypatch):
 def ordinary():
     return {
         level: truth.ExactResults(
-            peers.BENCH_PAIR_CONSTANTS, truth.random_states(generator(80), 3, parts), OUTPUTS_BY_LEVEL[level]
+            peers.BENCH_PAIR_CONSTANTS, truth.random_states(generator(80), 3, parts), OUTPUT_NAMES_BY_LEVEL[level]
         )
-        for parts, level in enumerate(OUTPUTS_BY_LEVEL, 1)
+        for parts, level in enumerate(OUTPUT_NAMES_BY_LEVEL, 1)
     }
 
 
 @pytest.fixture(scope="module")
 def hard():
     return truth.ExactResults(
-        peers.BENCH_PAIR_CONSTANTS, truth.hard_states(generator(82), 3), OUTPUTS_BY_LEVEL["acceleration"]
+        peers.BENCH_PAIR_CONSTANTS, truth.hard_states(generator(82), 3), OUTPUT_NAMES_BY_LEVEL["acceleration"]
     )
 
 
@@ -76,7 +76,7 @@ def test_the_truth_is_that_of_the_tests():
         for i, state in enumerate(zip(*motion, strict=True)):
             found = truth.compute_exact_outputs(peers.BENCH_PAIR_CONSTANTS, *state)
             with mpmath.workdps(60):
-                for name in OUTPUTS_BY_LEVEL["acceleration"]:
+                for name in OUTPUT_NAMES_BY_LEVEL["acceleration"]:
                     true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
                     gap = max(abs(a - b) for a, b in zip(found[name], true, strict=True))
                     assert gap <= mpmath.mpf("1e-40") * scale, (name, i)
@@ -84,7 +84,7 @@ def test_the_truth_is_that_of_the_tests():
 
 def _cases():
     for method in MEASURED:
-        for level in OUTPUTS_BY_LEVEL:
+        for level in OUTPUT_NAMES_BY_LEVEL:
             slow = method.package == "jax" or level != "acceleration"
             yield pytest.param(method, level, marks=[pytest.mark.slow] * slow, id=f"{method.name}-{level}")
 
@@ -99,7 +99,7 @@ def test_every_way_computes_the_truth(method, level, ordinary):
 def test_one_state_is_computed_as_a_batch_is(ordinary):
     one = [method for method in MEASURED if method.package != "jax" and method.min_samples == 1]
     motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
-    single = truth.ExactResults(peers.BENCH_PAIR_CONSTANTS, motion, OUTPUTS_BY_LEVEL["acceleration"])
+    single = truth.ExactResults(peers.BENCH_PAIR_CONSTANTS, motion, OUTPUT_NAMES_BY_LEVEL["acceleration"])
     found = direct.method_errors(PAIR, one, single)
     assert found.keys() == {method.name for method in one}
     assert max(found.values()) < 20
@@ -181,7 +181,7 @@ def test_no_job_is_timed_while_a_neighbour_still_works():
     assert not any(seen[1:])  # the first call finds nothing before it
 
 
-@pytest.mark.parametrize("shift", direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME.values())
+@pytest.mark.parametrize("shift", direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME.values())
 def test_outputs_begin_where_they_are_said_to(shift):
     array = direct.allocate_at_offset((5, 3, 3), shift)
     assert array.shape == (5, 3, 3)
@@ -192,7 +192,10 @@ def test_outputs_begin_where_they_are_said_to(shift):
 @pytest.mark.slow
 def test_each_offset_has_a_row_beside_the_floor():
     rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
-    assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME] * 2
+    assert [row.method for row in rows] == [
+        peers.COPY_FLOOR_NAME,
+        *direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME,
+    ] * 2
     assert list(dict.fromkeys(row.case for row in rows)) == [
         f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: pose, N = 9",
         f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: velocity, N = 9",
@@ -208,7 +211,7 @@ def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     assert done.exit_code == 0, done.output
     for words in (
         *(method.name for method in FEW),
-        *direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME,
+        *direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME,
         "pose, N = 1",
         "pose, N = 2",
         direct.PAIR_CONSTRUCTION_CASE_NAME,
@@ -245,24 +248,32 @@ def test_no_cell_of_the_report_is_cut(capsys):
             1.2e-16,
             {direct.HARD_STATE_ERROR_COLUMN: 3e14},
         )
-        for level in OUTPUTS_BY_LEVEL
+        for level in OUTPUT_NAMES_BY_LEVEL
         for size in (1, 100, 10_000, 1_000_000)
         for method in peers.COMPARED_KINEMATICS_METHODS
     ]
     cases = [
-        f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}" for name in (*direct.CALL_SIZES_BY_CALL_SEQUENCE_NAME, "import")
+        f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}"
+        for name in (*direct.BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME, "import")
     ]
     rows += [
-        _row(case, method, 123.0) for case in cases for method in (*direct.CALL_SEQUENCE_BACKEND_NAMES, "hingepair")
+        _row(case, method, 123.0)
+        for case in cases
+        for method in (*direct.BACKEND_NAMES_OF_CALL_SEQUENCES, "hingepair")
     ]
     rows += [
         _row(case, peers.HINGEPAIR_NAME, 1.0)
         for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.PAIR_CONSTRUCTION_CASE_NAME)
     ]
     cases = [
-        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: {level}", 1_000_000) for level in OUTPUTS_BY_LEVEL
+        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: {level}", 1_000_000)
+        for level in OUTPUT_NAMES_BY_LEVEL
     ]
-    rows += [_row(case, method, 1.0) for case in cases for method in direct.OUTPUT_OFFSET_BYTES_BY_ROW_NAME]
+    rows += [
+        _row(case, method, 1.0)
+        for case in cases
+        for method in direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME
+    ]
     command._run_benchmark(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 
@@ -346,7 +357,7 @@ def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
     assert engines.cpp_missing_reason(True) is None
     method = next(method for method in peers.COMPARED_KINEMATICS_METHODS if method.name == engines.PINOCCHIO_CPP_NAME)
-    for level in OUTPUTS_BY_LEVEL:
+    for level in OUTPUT_NAMES_BY_LEVEL:
         assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
 
 
@@ -378,8 +389,10 @@ def test_what_is_known_changes_no_output():
 
 @pytest.mark.slow(9)
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
-    monkeypatch.setattr(direct, "CALL_SIZES_BY_CALL_SEQUENCE_NAME", {direct.LARGE_CALL_SEQUENCE_NAME: "[3, 1]"})
+    monkeypatch.setattr(
+        direct, "BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME", {direct.ONE_LARGE_CALL_SEQUENCE_NAME: "[3, 1]"}
+    )
     rows = direct.measure_fresh_processes(1)
-    assert len(rows) == 2 + 1 + len(direct.CALL_SEQUENCE_BACKEND_NAMES)
+    assert len(rows) == 2 + 1 + len(direct.BACKEND_NAMES_OF_CALL_SEQUENCES)
     assert all(row.seconds > 0 for row in rows)
     assert {direct.IMPORT_CASE_NAME, direct.RUN_CASE_NAME} < {row.case for row in rows}

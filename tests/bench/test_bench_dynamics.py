@@ -50,7 +50,7 @@ def test_the_textbook_is_newton_and_euler():
 
 @pytest.mark.slow
 def test_the_command_reports_a_simulation(monkeypatch):
-    monkeypatch.setattr(bench, "_TUMBLING_SIMULATION_INSTANTS", np.linspace(0, 0.1, 3))
+    monkeypatch.setattr(bench, "_TUMBLING_SIMULATION_INSTANTS_SECONDS", np.linspace(0, 0.1, 3))
     done = CliRunner().invoke(app, ["bench", "dynamics", "--samples", "10", "--repeats", "1", "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)

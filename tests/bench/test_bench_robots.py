@@ -25,7 +25,7 @@ FOLLOWERS = """<robot name="r"><link name="a"/>
 <joint name="j3" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="1 0 0"/>
 <mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint></robot>"""
 
-CASES = [(name, workload) for name in bench.LOCKED_POSITIONS_BY_ROBOT for workload in bench.WORKLOAD_NAMES]
+CASES = [(name, workload) for name in bench.LOCKED_JOINT_POSITIONS_BY_ROBOT_NAME for workload in bench.WORKLOAD_NAMES]
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_all_engines_agree(name, workload):
     task = bench.make_robot_task(name, robot, model, workload, 3 if workload != bench.FORWARD_WORKLOAD else 1)
     truth = bench.exact_robot_results(task)
     for method in bench.COMPARED_ROBOT_METHODS:
-        asked = workload in bench._WORKLOADS_BY_METHOD_NAME.get(method.name, bench.WORKLOAD_NAMES)
+        asked = workload in bench._WORKLOAD_NAMES_BY_NAME_OF_RESTRICTED_METHOD.get(method.name, bench.WORKLOAD_NAMES)
         if asked and method.name not in (bench.PINOCCHIO_CPP_NAME, bench.FRAX_NAME):
             one = (
                 bench.make_robot_task(name, robot, model, workload, 1) if method.name == bench.PREPARED_NAME else task

@@ -31,7 +31,7 @@ from hingepair.bench.peers import (
     COPY_FLOOR_NAME,
     FRESH_COPY_FLOOR_NAME,
     HINGEPAIR_NAME,
-    OUTPUTS_BY_LEVEL,
+    OUTPUT_NAMES_BY_LEVEL,
     make_kinematics_task,
 )
 from hingepair.bench.plot import MethodCurve, Panel
@@ -43,12 +43,14 @@ CONTROL_CYCLE_CASE_NAME = "one state: FK, Jacobian, bias from a quaternion"  # n
 PAIR_CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
 FRESH_PROCESS_CASE_PREFIX = "a fresh process"  # beginning of the names of cases
 OUTPUT_OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
-OUTPUT_OFFSET_BYTES_BY_ROW_NAME = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
+OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME = {
+    f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)
+}
 """Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
 _CACHE_LINE_BYTES = 64
 """Size of a cache line [bytes]."""
-_NUM_RANDOM_STATES_FOR_ERRORS = 40  # number of random states whose results are compared with the exact ones
+_NUM_RANDOM_STATES_COMPARED_WITH_EXACT = 40  # number of random states whose results are compared with the exact ones
 # Explains the columns below the table.
 _TABLE_COLUMNS_NOTE = (
     "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
@@ -99,11 +101,11 @@ def measure_batches(
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rows: list[Row] = []
     for level in levels:
-        num_levels, outputs = list(OUTPUTS_BY_LEVEL).index(level) + 1, OUTPUTS_BY_LEVEL[level]
+        num_levels, outputs = list(OUTPUT_NAMES_BY_LEVEL).index(level) + 1, OUTPUT_NAMES_BY_LEVEL[level]
         random, hard = (
             method_errors(pair, methods, ExactResults(BENCH_PAIR_CONSTANTS, states, outputs))
             for states in (
-                random_states(rng, _NUM_RANDOM_STATES_FOR_ERRORS, num_levels),
+                random_states(rng, _NUM_RANDOM_STATES_COMPARED_WITH_EXACT, num_levels),
                 hard_states(rng, num_levels),
             )
         )
@@ -126,13 +128,13 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
     rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
-        num_offsets = len(OUTPUT_OFFSET_BYTES_BY_ROW_NAME)
+        num_offsets = len(OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME)
         print_progress(f"{level}, N = {size:,}, outputs at {num_offsets} offsets: {repeats} repeats")
         task = make_kinematics_task(
-            pair, random_states(rng, size, list(OUTPUTS_BY_LEVEL).index(level) + 1), OUTPUTS_BY_LEVEL[level]
+            pair, random_states(rng, size, list(OUTPUT_NAMES_BY_LEVEL).index(level) + 1), OUTPUT_NAMES_BY_LEVEL[level]
         )
         jobs = {COPY_FLOOR_NAME: peers.copy_job(task)}
-        for name, shift in OUTPUT_OFFSET_BYTES_BY_ROW_NAME.items():
+        for name, shift in OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME.items():
             buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
             jobs[name] = make_job(task._replace(buffers=buffers))
         rows += make_rows(
@@ -181,7 +183,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
     """
     drawn = {method.name for method in peers.COMPARED_KINEMATICS_METHODS if method.in_picture}
     panels: list[Panel] = []
-    for level in OUTPUTS_BY_LEVEL:
+    for level in OUTPUT_NAMES_BY_LEVEL:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
         times = {
             row.method: (row.min_seconds / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]
@@ -221,7 +223,7 @@ def measure_single_states(repeats: int) -> list[Row]:
 
 
 # Code of a process that runs {before}, and prints the time from {timed} to its end [s].
-_TIMED_CODE_TEMPLATE = """
+_RUN_TIME_PRINTING_CODE_TEMPLATE = """
 import atexit, sys, time
 {before}
 atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr), time.perf_counter())
@@ -246,10 +248,10 @@ IMPORT_CASE_NAME, RUN_CASE_NAME = (
     f"{FRESH_PROCESS_CASE_PREFIX}: import",
     f"{FRESH_PROCESS_CASE_PREFIX}: hingepair run, reference scene",
 )
-LARGE_CALL_SEQUENCE_NAME = "1 x 200,000"  # name of the sequence of one large call
+ONE_LARGE_CALL_SEQUENCE_NAME = "1 x 200,000"  # name of the sequence of one large call
 # Batch sizes of sequences of calls, by the name of the sequence.
-CALL_SIZES_BY_CALL_SEQUENCE_NAME = {
-    LARGE_CALL_SEQUENCE_NAME: [200_000],
+BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME = {
+    ONE_LARGE_CALL_SEQUENCE_NAME: [200_000],
     "1,000 x 1": [1] * 1000,
     "2,000 x 20": [20] * 2000,
     "300 x 1,000": [1000] * 300,
@@ -258,42 +260,42 @@ CALL_SIZES_BY_CALL_SEQUENCE_NAME = {
     "1 x 100,000 among 200 x 1": [1] * 100 + [100_000] + [1] * 100,
 }
 # Backends that the sequences of calls are measured with.
-CALL_SEQUENCE_BACKEND_NAMES = ("auto", "numpy", "compiled")
+BACKEND_NAMES_OF_CALL_SEQUENCES = ("auto", "numpy", "compiled")
 
 
 def measure_fresh_processes(repeats: int) -> list[Row]:
     """Measure the run times of imports, of the command `hingepair run` and of sequences of calls, `repeats` times,
     each in a fresh Python process; return a list of table rows. A process that fails raises a CalledProcessError.
     """
-    num_sequences = len(CALL_SIZES_BY_CALL_SEQUENCE_NAME)
+    num_sequences = len(BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME)
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
         scene.write_text(_TIMED_SCENE_TOML, encoding="utf-8")
-        run = _TIMED_CODE_TEMPLATE.format(
+        run = _RUN_TIME_PRINTING_CODE_TEMPLATE.format(
             before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]",
             timed="from hingepair.cli.main import main; main()",
         )
         codes = {
             IMPORT_CASE_NAME: {
-                name: _TIMED_CODE_TEMPLATE.format(before="", timed=f"import {name}")
+                name: _RUN_TIME_PRINTING_CODE_TEMPLATE.format(before="", timed=f"import {name}")
                 for name in ("numpy", "hingepair")
             },
             RUN_CASE_NAME: {HINGEPAIR_NAME: run},
         }
-        for name, sizes in CALL_SIZES_BY_CALL_SEQUENCE_NAME.items():
+        for name, sizes in BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME.items():
             calls = {
                 backend: f"for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
-                for backend in CALL_SEQUENCE_BACKEND_NAMES
+                for backend in BACKEND_NAMES_OF_CALL_SEQUENCES
             }
             before = _PAIR_AND_STATES_CODE_TEMPLATE.format(sizes=sizes)
             codes[f"{FRESH_PROCESS_CASE_PREFIX}: {name}"] = {
-                b: _TIMED_CODE_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
+                b: _RUN_TIME_PRINTING_CODE_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
             }
         environment = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
         for code in (
             run,
-            *codes[f"{FRESH_PROCESS_CASE_PREFIX}: {LARGE_CALL_SEQUENCE_NAME}"].values(),
+            *codes[f"{FRESH_PROCESS_CASE_PREFIX}: {ONE_LARGE_CALL_SEQUENCE_NAME}"].values(),
         ):  # an unmeasured run compiles the modules to bytecode
             _run_fresh_process(code, environment)
         rows = []

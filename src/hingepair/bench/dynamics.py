@@ -23,7 +23,7 @@ from hingepair.bench.engines import (
     PAIR_LOOP_SOURCE,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    PYTHON_LOOP_SAMPLE_CAP,
+    MAX_PYTHON_LOOP_SAMPLES,
     cpp_missing_reason,
     make_cpp_job,
     mujoco_coordinates,
@@ -58,9 +58,9 @@ DOP853_NAME, RADAU_NAME, LSODA_NAME = "SciPy DOP853, NumPy", "SciPy Radau", "Sci
 MAX_SIMULATION_ERROR_RAD = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
-_TUMBLING_SIMULATION_INSTANTS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
+_TUMBLING_SIMULATION_INSTANTS_SECONDS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
 _TUMBLING_INITIAL_OMEGA1 = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
-_TUMBLING_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
+_TUMBLING_HINGE_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
 
 
 def make_pair_with_masses() -> HingePair:
@@ -229,9 +229,9 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
 COMPARED_DYNAMICS_METHODS = (
     Method(PREPARED_NAME, prepared_dynamics_job),
     Method(HINGEPAIR_NAME, hingepair_dynamics_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_dynamics_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
 )
 """All methods of `hingepair bench dynamics`; the first one computes one state only."""
 
@@ -246,13 +246,13 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_TUMBLING_INITIAL_OMEGA1)
 
     def spring(_t: Array, psi: Array, _psid: Array) -> Array:
-        return -_TUMBLING_SPRING_STIFFNESS * psi
+        return -_TUMBLING_HINGE_SPRING_STIFFNESS * psi
 
     def hingepair_job(tol: float) -> Job:
         """Return a job that simulates the pair by hingepair and returns a tuple of two arrays (quat_wxyz, psi)."""
         read = attrgetter("quat_wxyz", "psi")
         return lambda: read(
-            simulate(pair, _TUMBLING_SIMULATION_INSTANTS, start, 0.5, 1.0, hinge_torque=spring, tol=tol)
+            simulate(pair, _TUMBLING_SIMULATION_INSTANTS_SECONDS, start, 0.5, 1.0, hinge_torque=spring, tol=tol)
         )
 
     makers: dict[str, Callable[[float], Job]] = {
@@ -349,17 +349,17 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     """
     from scipy.integrate import solve_ivp
 
-    rates = newton_euler_rates(pair, lambda psi: -_TUMBLING_SPRING_STIFFNESS * psi)
+    rates = newton_euler_rates(pair, lambda psi: -_TUMBLING_HINGE_SPRING_STIFFNESS * psi)
     start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _TUMBLING_INITIAL_OMEGA1, (1.0,)])
 
     def run() -> tuple[Array, Array]:
         """Simulate by SciPy's DOP853; return the unit quaternions (w, x, y, z) of body 1, and psi [rad]."""
         y = solve_ivp(
             rates,
-            (_TUMBLING_SIMULATION_INSTANTS[0], _TUMBLING_SIMULATION_INSTANTS[-1]),
+            (_TUMBLING_SIMULATION_INSTANTS_SECONDS[0], _TUMBLING_SIMULATION_INSTANTS_SECONDS[-1]),
             start,
             "DOP853",
-            _TUMBLING_SIMULATION_INSTANTS,
+            _TUMBLING_SIMULATION_INSTANTS_SECONDS,
             rtol=tol,
             atol=tol,
         ).y

@@ -45,7 +45,7 @@ AXIS_FIT_NAME, QMT_GYROSCOPES_NAME, QMT_NAME = (
 )
 _NUM_RECORDINGS_PER_SIZE = 5  # recordings of each length whose errors are averaged
 # Explains the errors below the table.
-_FIT_ERROR_NOTE = (
+_FIT_ERROR_COLUMN_NOTE = (
     "error: largest component of the errors of the hinge axis and, perpendicular to it, of the hinge point; "
     f"root mean square of {_NUM_RECORDINGS_PER_SIZE} recordings"
 )
@@ -54,19 +54,19 @@ POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3
 # Standard deviations of the noise of gyroscopes [rad/s] and accelerometers [m/s^2], and of the gyroscopes' biases.
 GYROSCOPE_NOISE, ACCELEROMETER_NOISE, GYROSCOPE_BIAS = 1e-2, 5e-2, 2e-2
 _GRAVITY_VECTOR = np.array([0.0, 0.0, -9.81])  # [m/s^2]
-_FINITE_DIFFERENCE_STEP_SECONDS = 1e-4  # [s] between the poses whose differences are rates and accelerations
-_MIN_HINGEPAIR_ONLY_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
-_MAX_MEASURED_AXIS_FIT_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
+_POSE_FINITE_DIFFERENCE_STEP_SECONDS = 1e-4  # [s] between the poses whose differences are rates and accelerations
+_MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE = 10**5  # recordings of this length and more are fitted by hingepair alone
+_MAX_RECORDING_SAMPLES_FOR_AXIS_FITS = 10**5  # longest recording of gyroscopes, which takes seconds
 _WRONG_SIGNS_COLUMN = "wrong signs"  # column: recordings of which n1 and n2 point against each other
 # Explains the signs of the axes below the table.
-_AXIS_SIGN_NOTE = (
+_WRONG_SIGNS_COLUMN_NOTE = (
     "axes from gyroscopes: the error does not count the signs of n1 and n2; "
     f"{_WRONG_SIGNS_COLUMN}: recordings in which the sign of n2 beside n1 is wrong"
 )
 # how to install the package qmt
 _QMT_INSTALL_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
 # The hinge of every recording: n, u1, u2 and the rotation vector of home [rad].
-_TRUE_HINGE_AXIS = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
+_TRUE_UNIT_HINGE_AXIS_IN_BODY1 = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 _TRUE_U1, _TRUE_U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
 _TRUE_HOME_ROTVEC = np.array([0.3, -0.5, 0.2])  # rotation vector of home [rad]
 
@@ -111,7 +111,7 @@ def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
     """
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
-    return Report([*rows, *axis_rows], "error [rad, m]", [_FIT_ERROR_NOTE, _AXIS_SIGN_NOTE, *notes])
+    return Report([*rows, *axis_rows], "error [rad, m]", [_FIT_ERROR_COLUMN_NOTE, _WRONG_SIGNS_COLUMN_NOTE, *notes])
 
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
@@ -126,10 +126,10 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
             print_progress(f"{case}: {repeats} repeats")
             recordings = [
                 make_pose_recording(count, outliers, seed)
-                for seed in range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
+                for seed in range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE else 1)
             ]
             methods = {HINGEPAIR_FIT_NAME: fit_by_hingepair} | (
-                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < _MIN_HINGEPAIR_ONLY_SAMPLES else {}
+                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE else {}
             )
             if count <= 10**3 and not outliers:
                 methods[EQUATIONS_FIT_NAME] = fit_by_equations
@@ -153,9 +153,9 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
         (
             Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
             for name, fit, most, package in (
-                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_MEASURED_AXIS_FIT_SAMPLES, ""),
-                (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
-                (QMT_NAME, axis_by_qmt, _MIN_HINGEPAIR_ONLY_SAMPLES - 1, "qmt"),
+                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_RECORDING_SAMPLES_FOR_AXIS_FITS, ""),
+                (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE - 1, "qmt"),
+                (QMT_NAME, axis_by_qmt, _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE - 1, "qmt"),
             )
         ),
         {},
@@ -175,7 +175,7 @@ def _axis_rows(case: str, methods: Sequence[Method], count: int, bias_std: float
     """Measure run times and errors of each method that fits the hinge axis to recordings of `count` samples; return a
     list of the table rows of the case. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
     """
-    seeds = range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_HINGEPAIR_ONLY_SAMPLES else 1)
+    seeds = range(_NUM_RECORDINGS_PER_SIZE if count < _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE else 1)
     tasks = [(make_inertial_recording(count, bias_std, seed), bias_std) for seed in seeds]
     errors: dict[str, float] = {}
     signs: dict[str, dict[str, Any]] = {}
@@ -200,7 +200,11 @@ def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
 
     psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
     first = Rotation.from_rotvec(np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
-    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_HINGE_AXIS) * Rotation.from_rotvec(_TRUE_HOME_ROTVEC)
+    second = (
+        first
+        * Rotation.from_rotvec(psi[:, None] * _TRUE_UNIT_HINGE_AXIS_IN_BODY1)
+        * Rotation.from_rotvec(_TRUE_HOME_ROTVEC)
+    )
     R1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
     return (R1, first), (R1 + first.apply(_TRUE_U1) - second.apply(_TRUE_U2), second)
 
@@ -218,13 +222,14 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, count)
     before, now, after = (
-        _exact_poses(t + step) for step in (-_FINITE_DIFFERENCE_STEP_SECONDS, 0.0, _FINITE_DIFFERENCE_STEP_SECONDS)
+        _exact_poses(t + step)
+        for step in (-_POSE_FINITE_DIFFERENCE_STEP_SECONDS, 0.0, _POSE_FINITE_DIFFERENCE_STEP_SECONDS)
     )
     columns = []
     for body in (0, 1):
         (R_before, S_before), (R, S), (R_after, S_after) = (poses[body] for poses in (before, now, after))
-        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _FINITE_DIFFERENCE_STEP_SECONDS)
-        acceleration = (R_after - 2 * R + R_before) / _FINITE_DIFFERENCE_STEP_SECONDS**2
+        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _POSE_FINITE_DIFFERENCE_STEP_SECONDS)
+        acceleration = (R_after - 2 * R + R_before) / _POSE_FINITE_DIFFERENCE_STEP_SECONDS**2
         columns += [omega + bias_std * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY_VECTOR)]
     noise = rng.standard_normal((4, count, 3))
     sizes = (GYROSCOPE_NOISE, ACCELEROMETER_NOISE) * 2
@@ -349,14 +354,21 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)
-        return np.append(rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME_ROTVEC @ _TRUE_HINGE_AXIS))
+        return np.append(
+            rows.ravel(), (n @ n - 1, n @ u1, turn @ n - _TRUE_HOME_ROTVEC @ _TRUE_UNIT_HINGE_AXIS_IN_BODY1)
+        )
 
     sparsity = lil_matrix((12 * count + 3, 12 + count), dtype=int)
     sparsity[:, :12] = 1
     for i in range(count):
         sparsity[12 * i : 12 * i + 9, 12 + i] = 1
     start = np.concatenate(
-        (_TRUE_HINGE_AXIS, _TRUE_HOME_ROTVEC, _TRUE_U1 - (_TRUE_U1 @ _TRUE_HINGE_AXIS) * _TRUE_HINGE_AXIS, _TRUE_U2)
+        (
+            _TRUE_UNIT_HINGE_AXIS_IN_BODY1,
+            _TRUE_HOME_ROTVEC,
+            _TRUE_U1 - (_TRUE_U1 @ _TRUE_UNIT_HINGE_AXIS_IN_BODY1) * _TRUE_UNIT_HINGE_AXIS_IN_BODY1,
+            _TRUE_U2,
+        )
     )
     start += 0.2 * np.random.default_rng(0).standard_normal(12)
     psi = Rotation.from_matrix(Q).as_rotvec() @ start[:3]
@@ -369,9 +381,14 @@ def true_hinge() -> FittedHinge:
     """Return, as a FittedHinge, the hinge with which all recordings are made; its point is the one closest to R1."""
     from scipy.spatial.transform import Rotation
 
-    n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_HINGE_AXIS)
-    along = _TRUE_U1 @ _TRUE_HINGE_AXIS
-    return FittedHinge(_TRUE_HINGE_AXIS, n_body2, _TRUE_U1 - along * _TRUE_HINGE_AXIS, _TRUE_U2 - along * n_body2)
+    n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_UNIT_HINGE_AXIS_IN_BODY1)
+    along = _TRUE_U1 @ _TRUE_UNIT_HINGE_AXIS_IN_BODY1
+    return FittedHinge(
+        _TRUE_UNIT_HINGE_AXIS_IN_BODY1,
+        n_body2,
+        _TRUE_U1 - along * _TRUE_UNIT_HINGE_AXIS_IN_BODY1,
+        _TRUE_U2 - along * n_body2,
+    )
 
 
 def hinge_error(fitted: FittedHinge) -> float:

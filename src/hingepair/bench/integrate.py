@@ -28,7 +28,7 @@ CONVERGENCE_ORDER_COLUMN: Final = "order"  # heading of a column
 LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
 MOTION_DURATION_SECONDS: Final = 10.0  # of every motion, which begins at t = 0
 # Equal intervals of the motion; errors are computed at their ends, which the steps of every method include.
-NUM_COMPARISON_INTERVALS: Final = 25
+NUM_INTERVALS_BETWEEN_ERROR_INSTANTS: Final = 25
 TARGET_ATTITUDE_ERROR_RAD: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
@@ -37,8 +37,8 @@ _EXACT_ATTITUDE_DECIMAL_DIGITS: Final = 50  # decimal digits of exact attitudes
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 # Methods of hingepair.
 _INTEGRATION_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
-_HINGEPAIR_STEP_COUNTS = tuple(
-    NUM_COMPARISON_INTERVALS * k for k in (2, 5, 10, 20, 40, 100, 200, 400)
+_STEP_COUNTS_OF_HINGEPAIR_METHODS = tuple(
+    NUM_INTERVALS_BETWEEN_ERROR_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400)
 )  # of hingepair's methods
 _SCIPY_SOLVER_NAMES = ("DOP853", "RK45", "LSODA")  # names for solve_ivp
 _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and atol of SciPy's solvers
@@ -111,7 +111,7 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
     vary, for which None stands.
     """
     jobs: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_INTEGRATION_METHOD_NAMES, _HINGEPAIR_STEP_COUNTS):
+    for method, steps in itertools.product(_INTEGRATION_METHOD_NAMES, _STEP_COUNTS_OF_HINGEPAIR_METHODS):
         jobs[f"{method}, {steps} steps"] = (
             functools.partial(_integrate_by_hingepair, method, motion, steps),
             MOTION_DURATION_SECONDS / steps,
@@ -137,7 +137,7 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
     """Measure run times and errors of all integration methods on one motion, with all numbers of steps and
     tolerances, `repeats` times; return a list of table rows. Runs that meet gimbal lock are left out.
     """
-    exact = motion.exact_attitudes(np.linspace(0, MOTION_DURATION_SECONDS, NUM_COMPARISON_INTERVALS + 1))
+    exact = motion.exact_attitudes(np.linspace(0, MOTION_DURATION_SECONDS, NUM_INTERVALS_BETWEEN_ERROR_INSTANTS + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
     extra_columns: dict[str, dict[str, float | None]] = {}
@@ -215,7 +215,7 @@ def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Ar
     trajectory = integrate_pair(
         _INTEGRATED_PAIR, t, motion.omega, 0.0, S1_0=motion.initial_attitude(), method=method, outputs=()
     )
-    return trajectory.quat_wxyz[:: steps // NUM_COMPARISON_INTERVALS]
+    return trajectory.quat_wxyz[:: steps // NUM_INTERVALS_BETWEEN_ERROR_INSTANTS]
 
 
 def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
@@ -241,7 +241,7 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
         return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
 
     initial_quat = np.array(motion.quat) / math.sqrt(size)
-    instants = np.linspace(0, MOTION_DURATION_SECONDS, NUM_COMPARISON_INTERVALS + 1)
+    instants = np.linspace(0, MOTION_DURATION_SECONDS, NUM_INTERVALS_BETWEEN_ERROR_INSTANTS + 1)
     solution = solve_ivp(
         rate,
         (0, MOTION_DURATION_SECONDS),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Job: TypeAlias = Callable[[], Any]
 """A call that is timed; it returns what the method computes."""
 
-_REPORTED_PACKAGE_NAMES = (
+_NAMES_OF_PACKAGES_WITH_REPORTED_VERSION = (
     "hingepair",
     "numpy",
     "llvmlite",
@@ -43,7 +43,7 @@ _MAX_WARMED_UP_JOB_SECONDS = (
     0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
 )
 _THREAD_POLL_INTERVAL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
-_MIN_IDLE_THREAD_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
+_MIN_SUCCESSIVE_IDLE_THREAD_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
 _MAX_THREAD_POLLS = 10_000  # polls after which a job is timed although other threads are busy
 _SECONDS_BY_TIME_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], the largest first
 
@@ -247,7 +247,7 @@ def wait_for_other_threads() -> None:
     idle_polls = 0
     for _ in range(_MAX_THREAD_POLLS):
         idle_polls = 0 if _other_threads_run() else idle_polls + 1
-        if idle_polls == _MIN_IDLE_THREAD_POLLS:
+        if idle_polls == _MIN_SUCCESSIVE_IDLE_THREAD_POLLS:
             return
         time.sleep(_THREAD_POLL_INTERVAL_SECONDS)
 
@@ -300,7 +300,7 @@ def machine_facts() -> dict[str, Any]:
         processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     facts = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
     facts |= {"system": platform.system(), "python": platform.python_version()}
-    for name in _REPORTED_PACKAGE_NAMES:
+    for name in _NAMES_OF_PACKAGES_WITH_REPORTED_VERSION:
         with suppress(PackageNotFoundError):
             facts[name] = version(name)
     return facts

@@ -19,7 +19,7 @@ from hingepair.bench.engines import (
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    PYTHON_LOOP_SAMPLE_CAP,
+    MAX_PYTHON_LOOP_SAMPLES,
     make_cpp_job,
     mujoco_coordinates,
     pinocchio_coordinates,
@@ -35,8 +35,8 @@ Array: TypeAlias = NDArray[Any]
 OutputArrays: TypeAlias = dict[str, Array]
 
 # The outputs that are computed, by the level of the motion.
-OUTPUTS_BY_LEVEL = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
-OUTPUTS_BY_LEVEL["acceleration"] = (*OUTPUTS_BY_LEVEL["velocity"], "a2", "alpha2")
+OUTPUT_NAMES_BY_LEVEL = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
+OUTPUT_NAMES_BY_LEVEL["acceleration"] = (*OUTPUT_NAMES_BY_LEVEL["velocity"], "a2", "alpha2")
 
 BENCH_PAIR_CONSTANTS: dict[str, Any] = {
     "u1": [0.5, 0.2, 0.1],
@@ -102,7 +102,7 @@ def prepared_kinematics_job(task: KinematicsTask) -> Job:
     returns a tuple of the outputs, which are new arrays.
     """
     arguments, names = task.arguments, tuple(task.buffers)
-    call, read = task.pair.prepare(list(OUTPUTS_BY_LEVEL)[len(arguments) - 1], outputs=names), attrgetter(*names)
+    call, read = task.pair.prepare(list(OUTPUT_NAMES_BY_LEVEL)[len(arguments) - 1], outputs=names), attrgetter(*names)
     return lambda: read(call(*arguments))
 
 
@@ -179,7 +179,7 @@ def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
     a MissingDependencyError if the loop cannot be compiled.
     """
     rows = [*_pinocchio_inputs(task), None, None][:3]
-    outputs = [task.buffers.get(name) for name in OUTPUTS_BY_LEVEL["acceleration"]]
+    outputs = [task.buffers.get(name) for name in OUTPUT_NAMES_BY_LEVEL["acceleration"]]
     return make_cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.buffers)
 
 
@@ -405,9 +405,9 @@ COMPARED_KINEMATICS_METHODS = (
     ),
     Method("hingepair, 2 workers", hingepair_job_maker(workers=2, backend="compiled"), min_samples=10**5),
     Method(NUMPY_NAME, hingepair_job_maker(backend="numpy")),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_kinematics_job, max_samples=10**6, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
     Method("JAX, compiled, one core", jax_job, package="jax"),
     Method("SciPy Rotation + NumPy", scipy_rotation_job, max_samples=10**5, package="scipy"),
     Method("NumPy, stacks of 3x3", numpy_stacks_job, max_samples=10**5),

@@ -21,7 +21,7 @@ from hingepair.bench.engines import (
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    PYTHON_LOOP_SAMPLE_CAP,
+    MAX_PYTHON_LOOP_SAMPLES,
     compile_library,
     cpp_missing_reason,
 )
@@ -43,7 +43,7 @@ from hingepair.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[Any]
 
-LOCKED_POSITIONS_BY_ROBOT: Final = {
+LOCKED_JOINT_POSITIONS_BY_ROBOT_NAME: Final = {
     "ur5_robot": {},
     "panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
     "solo12": {},
@@ -68,14 +68,14 @@ _TABLE_NOTES: Final = (
     "result (the unit roundoff of a double is 1.1e-16).",
     "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
     "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
-    f"{PYTHON_LOOP_SAMPLE_CAP:,} states.",
+    f"{MAX_PYTHON_LOOP_SAMPLES:,} states.",
 )
 
 # Names of further methods.
 PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
 # Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
-_PINOCCHIO_JOINT_TYPES_IN_CPP_ORDER: Final = (
+_PINOCCHIO_JOINT_TYPE_NAMES_IN_CPP_ORDER: Final = (
     "RX",
     "RY",
     "RZ",
@@ -86,7 +86,7 @@ _PINOCCHIO_JOINT_TYPES_IN_CPP_ORDER: Final = (
     "PrismaticUnaligned",
 )
 # axes of joint models, by their last letter
-_UNIT_AXIS_BY_LETTER: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_UNIT_AXIS_BY_LAST_LETTER_OF_JOINT_TYPE: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
 class RobotTask(NamedTuple):
@@ -118,7 +118,9 @@ def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, wit
         for workload in WORKLOAD_NAMES:
             make_task = functools.cache(functools.partial(make_robot_task, name, robot, model, workload))
             suitable = [
-                method for method in methods if workload in _WORKLOADS_BY_METHOD_NAME.get(method.name, WORKLOAD_NAMES)
+                method
+                for method in methods
+                if workload in _WORKLOAD_NAMES_BY_NAME_OF_RESTRICTED_METHOD.get(method.name, WORKLOAD_NAMES)
             ]
             errors = _robot_errors(suitable, make_task)
             for size in sizes:
@@ -192,9 +194,9 @@ def _load_models(name: str) -> tuple[Mechanism, Any]:
     import pinocchio as pin
 
     full = pin.buildModelFromUrdf(str(robot_urdf(name)))
-    locked = [full.getJointId(joint) for joint in LOCKED_POSITIONS_BY_ROBOT.get(name, {})]
+    locked = [full.getJointId(joint) for joint in LOCKED_JOINT_POSITIONS_BY_ROBOT_NAME.get(name, {})]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
-    return load_robot(name, locked=LOCKED_POSITIONS_BY_ROBOT.get(name, {})), model
+    return load_robot(name, locked=LOCKED_JOINT_POSITIONS_BY_ROBOT_NAME.get(name, {})), model
 
 
 def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> RobotTask:
@@ -364,9 +366,12 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
     kinds = [
-        _PINOCCHIO_JOINT_TYPES_IN_CPP_ORDER.index(joint.shortname().removeprefix("JointModel")) for joint in joints
+        _PINOCCHIO_JOINT_TYPE_NAMES_IN_CPP_ORDER.index(joint.shortname().removeprefix("JointModel"))
+        for joint in joints
     ]
-    axes = [_UNIT_AXIS_BY_LETTER.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
+    axes = [
+        _UNIT_AXIS_BY_LAST_LETTER_OF_JOINT_TYPE.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints
+    ]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
     arrays = [
@@ -472,21 +477,21 @@ def frax_job(task: RobotTask) -> Job:
 COMPARED_ROBOT_METHODS: Final = (
     Method(PREPARED_NAME, prepared_robot_job),
     Method(HINGEPAIR_NAME, hingepair_robot_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
     Method(
         PINOCCHIO_PARALLEL_NAME,
         pinocchio_batch_job,
         min_samples=2,
-        max_samples=PYTHON_LOOP_SAMPLE_CAP,
+        max_samples=MAX_PYTHON_LOOP_SAMPLES,
         package="pinocchio",
     ),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_robot_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=PYTHON_LOOP_SAMPLE_CAP, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
     Method(FRAX_NAME, frax_job, min_samples=2, package="frax"),
 )
 """All methods of `hingepair bench robots`; the first one computes one state only."""
 
 # The workloads of the methods that do not compute all of them.
-_WORKLOADS_BY_METHOD_NAME: Final = dict.fromkeys(
+_WORKLOAD_NAMES_BY_NAME_OF_RESTRICTED_METHOD: Final = dict.fromkeys(
     (PINOCCHIO_PARALLEL_NAME, MUJOCO_NAME, FRAX_NAME), (INVERSE_WORKLOAD, FORWARD_WORKLOAD)
 )

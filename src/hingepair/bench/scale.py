@@ -28,12 +28,12 @@ PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
 PEAK_MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
 PROCESSOR_TIME_COLUMN: Final = "processor time [s]"  # of all threads in a call
 
-_MIN_DASK_CHUNK_COUNT = 8  # chunks of a case; with few samples the chunks are smaller
-_NUM_SWEEP_VARIANTS = 1000  # variants of each sweep
+_MIN_NUM_DASK_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
+_NUM_VARIANTS_PER_SWEEP = 1000  # variants of each sweep
 
 # A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
 # On Linux, ru_maxrss of a new process begins with the memory of the process that started it; VmHWM does not.
-_DASK_REDUCTION_CODE = """
+_DASK_REDUCTION_PYTHON_CODE = """
 import re, resource, sys, time
 from pathlib import Path
 import dask, dask.array as da
@@ -89,7 +89,7 @@ stop = 2
 samples = 101
 """
 # Scene, output and varied key of each sweep, by the name of its case.
-_SWEEPS_BY_CASE_NAME: Final = {
+_SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME: Final = {
     "forces of a hinge, 2001 instants": (_ARM_SCENE_TOML, "hinge_torque", "pair.body2.mass"),
     "torques of Panda, 101 instants": (_PANDA_SCENE_TOML, "tau", "mechanism.payload.panda_hand.mass"),
 }
@@ -122,7 +122,7 @@ def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats:
     if reduction_samples:
         print_progress(f"a reduction of {reduction_samples:,} samples in a process of its own")
         rows.append(_measure_long_reduction(reduction_samples, threads))
-    print_progress(f"sweeps of {_NUM_SWEEP_VARIANTS} variants")
+    print_progress(f"sweeps of {_NUM_VARIANTS_PER_SWEEP} variants")
     rows += _measure_sweeps(threads)
     notes = [
         f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
@@ -138,7 +138,7 @@ def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats:
 
 def _chunk_size(samples: int) -> int:
     """Return the number of samples of a chunk."""
-    return max(1, min(MAX_DASK_CHUNK_SAMPLES, samples // _MIN_DASK_CHUNK_COUNT))
+    return max(1, min(MAX_DASK_CHUNK_SAMPLES, samples // _MIN_NUM_DASK_CHUNKS))
 
 
 def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
@@ -243,7 +243,7 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
     """Measure run time and peak memory of a Dask reduction of `samples` random poses, with `threads` threads in a
     separate process; return one table row.
     """
-    command = [sys.executable, "-c", _DASK_REDUCTION_CODE, str(samples), str(threads)]
+    command = [sys.executable, "-c", _DASK_REDUCTION_PYTHON_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
     return Row(case, method, samples, seconds, seconds, 1.0, extra_columns={PEAK_MEMORY_COLUMN: round(peak)})
@@ -254,10 +254,12 @@ def _measure_sweeps(threads: int) -> list[Row]:
     including the start of its process; return a list of table rows.
     """
     rows = []
-    for case, (scene, output, key) in _SWEEPS_BY_CASE_NAME.items():
+    for case, (scene, output, key) in _SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME.items():
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "scene.toml").write_text(scene, encoding="utf-8")
-            design = f'design = "random"\nsamples = {_NUM_SWEEP_VARIANTS}\nchunk = {_NUM_SWEEP_VARIANTS // 8}\n'
+            design = (
+                f'design = "random"\nsamples = {_NUM_VARIANTS_PER_SWEEP}\nchunk = {_NUM_VARIANTS_PER_SWEEP // 8}\n'
+            )
             vary = f'[[vary]]\nkey = "{key}"\nlow = 0.5\nhigh = 3\n'
             text = f'scene = "scene.toml"\noutputs = ["{output}"]\nreduce = ["absmax", "rms"]\n{design}{vary}'
             path = Path(folder, "sweep.toml")
@@ -266,5 +268,5 @@ def _measure_sweeps(threads: int) -> list[Row]:
             start = time.perf_counter()
             subprocess.run([*command, "--out", str(Path(folder, "out.parquet"))], capture_output=True, check=True)
             seconds = time.perf_counter() - start
-        rows.append(Row(f"sweep: {case}", f"{threads} threads", _NUM_SWEEP_VARIANTS, seconds, seconds, 1.0))
+        rows.append(Row(f"sweep: {case}", f"{threads} threads", _NUM_VARIANTS_PER_SWEEP, seconds, seconds, 1.0))
     return rows

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.bench.measure import Job, Report, make_rows, print_progress, time_interleaved
-from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, OUTPUTS_BY_LEVEL
+from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, OUTPUT_NAMES_BY_LEVEL
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
@@ -25,7 +25,7 @@ class FoldingCase(NamedTuple):
 
     pair: HingePair | PlanarPair
     motion: tuple[Any, ...]
-    outputs: tuple[str, ...] = OUTPUTS_BY_LEVEL["velocity"]
+    outputs: tuple[str, ...] = OUTPUT_NAMES_BY_LEVEL["velocity"]
 
     def count_operations_left(self) -> int:
         """Return the number of operations for each sample that remain after folding. Operations that are done once
@@ -86,7 +86,7 @@ def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
         UNFOLDED_CASE_NAME: FoldingCase(turned, (q, qd)),
         "home = identity": FoldingCase(plain, (q, qd)),
         "axis along e_x": FoldingCase(along, (q, qd)),
-        "pose only": FoldingCase(turned, (q,), OUTPUTS_BY_LEVEL["pose"]),
+        "pose only": FoldingCase(turned, (q,), OUTPUT_NAMES_BY_LEVEL["pose"]),
         "R2 alone": FoldingCase(turned, (q, qd), ("R2",)),
         "constant attitude of body 1": FoldingCase(turned, still),
         "constant phi_x and phi_y": FoldingCase(turned, yawing),

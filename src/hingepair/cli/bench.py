@@ -111,11 +111,11 @@ def bench_direct(
     these are installed. The errors are those against arithmetic of 700 digits.
     """
     from hingepair.bench import direct as bench
-    from hingepair.bench.peers import OUTPUTS_BY_LEVEL
+    from hingepair.bench.peers import OUTPUT_NAMES_BY_LEVEL
 
     counts, chosen = _parse_sizes(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
-        check_choice("levels", level, tuple(OUTPUTS_BY_LEVEL))
+        check_choice("levels", level, tuple(OUTPUT_NAMES_BY_LEVEL))
     _run_benchmark(
         lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, with_fresh_processes), show_json, plot
     )
