@@ -93,9 +93,9 @@ def measure_kinematics(
 def measure_batches(
     methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int
 ) -> list[Row]:
-    """Measure run times and errors of the given methods at every level ("pose", "velocity", "acceleration") and batch
-    size, and time each call `repeats` times; return a list of table rows. A method computes at most its `max_samples`
-    samples of a batch.
+    """Measure run times and errors of the given methods at every level of `levels` ("pose", "velocity",
+    "acceleration") and every batch size of `sizes`, and time each call `repeats` times; return a list of table rows.
+    A method computes at most its `max_samples` samples of a batch.
     """
     rng = np.random.default_rng(20)
     pair = HingePair(**BENCH_PAIR_CONSTANTS)
@@ -176,8 +176,8 @@ def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: Exa
 
 def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
     """Return a list of the picture's panels, one for each level, made from the table rows. A panel shows two points
-    for each method, its errors on random and on hard states, against its run time for the last batch size of the
-    rows.
+    for each method that is drawn: its errors on random and on hard states against its minimum run time for the last
+    batch size of the rows.
 
     Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
@@ -202,7 +202,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
 
 
 def measure_single_states(repeats: int) -> list[Row]:
-    """Measure the run times of the construction of a pair, and of a control cycle of one state by hingepair and
+    """Measure the run times of the construction of a HingePair, and of a control cycle of one state by hingepair and
     Pinocchio, `repeats` times each; return a list of table rows.
     """
     print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
@@ -265,7 +265,7 @@ BACKEND_NAMES_OF_CALL_SEQUENCES = ("auto", "numpy", "compiled")
 
 def measure_fresh_processes(repeats: int) -> list[Row]:
     """Measure the run times of imports, of the command `hingepair run` and of sequences of calls, `repeats` times,
-    each in a fresh Python process; return a list of table rows. A process that fails raises a CalledProcessError.
+    each in a fresh Python process; return a list of table rows. Raise a CalledProcessError if a process fails.
     """
     num_sequences = len(BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME)
     print_progress(f"fresh processes: imports and {num_sequences} sequences of calls, {repeats} repeats")
@@ -309,9 +309,9 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
 
 
 def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
-    """Run Python code in a fresh process with the environment variables of `environment`. Return the last
-    number that the code prints to standard error, its run time [s], as a float. A process that fails raises a
-    CalledProcessError.
+    """Run Python code in a fresh process whose environment variables are those of the mapping `environment`. Return
+    the last number that the code prints to standard error, its run time [s], as a float. Raise a CalledProcessError
+    if the process fails.
     """
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment

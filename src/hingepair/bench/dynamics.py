@@ -19,11 +19,11 @@ from hingepair.bench.engines import (
     DYNAMICS_FLAG,
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PAIR_LOOP_SOURCE,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    MAX_PYTHON_LOOP_SAMPLES,
     cpp_missing_reason,
     make_cpp_job,
     mujoco_coordinates,
@@ -97,7 +97,8 @@ def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:
 class DynamicsTask(NamedTuple):
     """Random states of a pair, with its accelerations and the `forces` that cause them. A method is to compute the
     forces if `is_inverse`, else the accelerations. `body1` is the motion of body 1, `hinge` is an array of psi, psi'
-    and psi'', and `rows` are the arguments of Pinocchio's function.
+    and psi'', shape (3, N), and `rows` is a list of the arrays that Pinocchio's function takes: q, v, and
+    accelerations or forces, with a row for each state.
     """
 
     pair: HingePair  # with masses
@@ -189,9 +190,9 @@ def pinocchio_dynamics_job(task: DynamicsTask) -> Job:
 
 
 def pinocchio_cpp_dynamics_job(task: DynamicsTask) -> Job:
-    """Compile Pinocchio's C++ loop, unless it is compiled, and return a job that calls Pinocchio's inverse or forward
-    dynamics for each state of the task in this loop. The job returns an array with a row for each state. Raise a
-    MissingDependencyError if the loop cannot be compiled.
+    """Compile Pinocchio's C++ loop, unless it has been compiled before, and return a job that calls Pinocchio's
+    inverse or forward dynamics for each state of the task in this loop. The job returns an array with a row for each
+    state. Raise a MissingDependencyError if the loop cannot be compiled.
     """
     results = np.ones_like(task.rows[1])
     arguments = [int(task.is_inverse), len(results), *task.rows, results]
@@ -216,7 +217,7 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
     results = np.empty_like(rows[1])
 
     def run() -> Array:
-        """Compute the forces or accelerations of every state by MuJoCo; return them as rows."""
+        """Compute the forces or accelerations of every state by MuJoCo; return an array with a row for each state."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)
@@ -249,7 +250,9 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
         return -_TUMBLING_HINGE_SPRING_STIFFNESS * psi
 
     def hingepair_job(tol: float) -> Job:
-        """Return a job that simulates the pair by hingepair and returns a tuple of two arrays (quat_wxyz, psi)."""
+        """Return a job that simulates the pair by hingepair with tolerance `tol` and returns a tuple of two arrays
+        (quat_wxyz, psi).
+        """
         read = attrgetter("quat_wxyz", "psi")
         return lambda: read(
             simulate(pair, _TUMBLING_SIMULATION_INSTANTS_SECONDS, start, 0.5, 1.0, hinge_torque=spring, tol=tol)
@@ -312,10 +315,10 @@ def _measure_at_max_error(
     error_of_result: Callable[[Any], float],
     repeats: int,
 ) -> list[Row]:
-    """Measure the run time of each method, `repeats` times, at the coarsest tolerance whose error is at most
-    MAX_SIMULATION_ERROR_RAD, or at 1e-13 if there is none; return a list of table rows. `job_maker_by_method` maps a
-    method's name to a function from a tolerance to a job; `error_of_result` returns the error of a job's result
-    [rad].
+    """Measure the run time of each method, `repeats` times, at the largest tolerance from 1e-5 to 1e-13 whose error
+    is at most MAX_SIMULATION_ERROR_RAD, or at 1e-13 if there is none; return a list of table rows.
+    `job_maker_by_method` maps a method's name to a function from a tolerance to a job. `error_of_result` is a
+    function from a job's result to its error [rad].
 
     Args:
         case: name of the case.
@@ -353,7 +356,9 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _TUMBLING_INITIAL_OMEGA1, (1.0,)])
 
     def run() -> tuple[Array, Array]:
-        """Simulate by SciPy's DOP853; return the unit quaternions (w, x, y, z) of body 1, and psi [rad]."""
+        """Simulate by SciPy's DOP853; return a tuple of two arrays: the unit quaternions (w, x, y, z) of body 1, and
+        psi [rad].
+        """
         y = solve_ivp(
             rates,
             (_TUMBLING_SIMULATION_INSTANTS_SECONDS[0], _TUMBLING_SIMULATION_INSTANTS_SECONDS[-1]),
@@ -386,8 +391,8 @@ def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) 
     g = np.array(DEFAULT_GRAVITY_VECTOR)
 
     def rates(_: float, y: Array) -> Array:
-        """Return the time derivative of the state y, an array of position, quaternion (w, x, y, z), psi and their
-        velocities (v1, omega1, psi'). The time is ignored.
+        """Return the time derivative of the state y, an array of position, quaternion (w, x, y, z), psi, v1, omega1
+        and psi'. The time, which is the first argument, is ignored.
         """
         w, x, z, u = y[3:7] / np.sqrt(y[3:7] @ y[3:7])
         q = np.array([x, z, u])

@@ -46,8 +46,9 @@ _CPP_REQUIREMENTS_TEXT = (
 
 
 def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any) -> list[Array]:
-    """Convert a pair's motion to Pinocchio's coordinates; return a list of as many of the arrays q, v, a as
-    `hinge_motion` has arrays, which are psi; psi and psi'; or psi, psi' and psi''. `body1` is the motion of body 1.
+    """Convert a pair's motion to Pinocchio's coordinates; return a list of the first one, two or three of the arrays
+    q, v, a. `hinge_motion` is a sequence of psi, psi' and psi'', or of the first one or two of these, and the list
+    has as many arrays. `body1` is the BodyMotion of body 1.
 
     Args:
         pair: the pair.
@@ -60,9 +61,9 @@ def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any)
 
 
 def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
-    """Convert arrays q, v, a from Pinocchio's conventions to MuJoCo's; return a list of as many arrays. The further
-    arguments are the linear rates in world axes, an array for v and one for a, which replace their first three
-    columns.
+    """Convert q, v, a, or the first one or two of these, from Pinocchio's conventions to MuJoCo's; return a list of
+    as many arrays. For v and for a, a further argument gives the linear rates in world axes, shape (N, 3), which
+    replace the first three columns.
 
     MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
@@ -76,9 +77,9 @@ def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Ar
 
 
 def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
-    """Compile Pinocchio's C++ loop over a pair, for kinematics or `with_dynamics`, and return a job that calls it
-    with `arguments`, of which arrays are passed by address. The loop writes into `results`, which the job returns.
-    Raise a MissingDependencyError if the loop cannot be compiled.
+    """Compile Pinocchio's C++ loop over a pair, for dynamics if `with_dynamics`, otherwise for kinematics, and return
+    a job that calls it with `arguments`, of which arrays are passed by address. The loop writes into `results`, one
+    of these arrays, and the job returns `results`. Raise a MissingDependencyError if the loop cannot be compiled.
 
     Args:
         pair: the pair.
@@ -149,8 +150,9 @@ def compile_library(source_name: str, *flags: str) -> Any:
 
 
 def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
-    """Compile the C++ loops over a pair, those of dynamics too if `with_dynamics`; return the ctypes library, whose
-    functions have their argument types set. Raise a MissingDependencyError if the compiler or a header is missing.
+    """Compile the C++ loops over a pair, including the loop for dynamics if `with_dynamics`; return the ctypes
+    library, whose functions have their argument types set. The library is cached. Raise a MissingDependencyError if
+    the compiler or a header is missing.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.

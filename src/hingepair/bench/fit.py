@@ -83,8 +83,8 @@ class RecordedPoses(NamedTuple):
 
 
 class InertialRecording(NamedTuple):
-    """Readings on both bodies in their axes, shape (N, 3) each: omega1, omega2 of the gyroscopes [rad/s], and f1, f2
-    of the accelerometers [m/s^2].
+    """Noisy readings on both bodies, as arrays of shape (N, 3), each in the axes of its body. The fields are omega1
+    [rad/s] of the gyroscope and f1 [m/s^2] of the accelerometer on body 1, then omega2 and f2 of those on body 2.
     """
 
     omega1: Array  # [rad/s]
@@ -94,8 +94,8 @@ class InertialRecording(NamedTuple):
 
 
 class FittedHinge(NamedTuple):
-    """The hinge that a method finds: its axis in the axes of body 1 (n) and of body 2 (n_body2), and its point in the
-    axes of each body (u1, u2).
+    """The hinge that a method finds, as four arrays of shape (3,): the unit axis in the axes of body 1 (n) and of
+    body 2 (n_body2), and the position of the hinge point relative to each body, in its axes (u1, u2).
     """
 
     n: Array  # axis in the axes of body 1
@@ -147,7 +147,7 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
 def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
     """Measure run times and errors of fits of the hinge axis to simulated gyroscopes, without and with biases; return
     a list of table rows, and a list of notes on the methods left out. `sizes` are the numbers of samples of the
-    recordings, of which those too long for the fits are left out; each fit is timed `repeats` times.
+    recordings. A method is left out for sizes that are too large for it; each fit is timed `repeats` times.
     """
     methods, notes = available_methods(
         (
@@ -193,8 +193,8 @@ def _axis_job(
 
 
 def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """Return the poses of body 1 and of body 2 at instants t, shape (N,), as a tuple of two tuples: an array of
-    positions, shape (N, 3), and a SciPy Rotation of N rotations.
+    """Return the poses of body 1 and of body 2 at instants t, shape (N,), as a tuple of two tuples. Each of these
+    holds an array of positions, shape (N, 3), and a SciPy Rotation of N rotations.
     """
     from scipy.spatial.transform import Rotation
 
@@ -271,8 +271,9 @@ def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) 
 
 
 def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
-    """Compare the fitted axes n1, n2 with the true ones. Return the largest absolute component of their errors, each
-    up to the sign of the axis, as a float, and whether the sign of n2 relative to n1 is wrong, as a bool.
+    """Compare the fitted axes n1, n2 with the true ones. Return the largest absolute component of their errors, as a
+    float, and whether the sign of n2 relative to n1 is wrong, as a bool. A wrong sign of an axis does not count as an
+    error.
     """
     truth = true_hinge()
     signs = [float(np.sign(axis @ true)) for axis, true in ((n1, truth.n), (n2, truth.n_body2))]
@@ -317,8 +318,9 @@ def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to E1 and S1 n = S2 (home^T n), with the
-    loss function named `loss`, from a start about 0.2 from the true hinge. The axes are normalised.
+    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to the conditions that both bodies share
+    the hinge point (E1) and the hinge axis, with the loss function named `loss`, from a start about 0.2 from the true
+    hinge. The axes are normalised.
     """
     from scipy.optimize import least_squares
 
@@ -337,8 +339,9 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to E1 and E5 (S2 = S1 Sh C), with the loss
-    function named `loss` and psi of every sample as an unknown, from a start about 0.2 from the true hinge.
+    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to the equations of position (E1) and
+    attitude (E5) of body 2, with the loss function named `loss`. psi of every sample is an unknown, and the start is
+    about 0.2 from the true hinge.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
@@ -348,8 +351,8 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
     count = len(p)
 
     def residuals(x: Array) -> Array:
-        """Return an array of the residuals of E1 and E5 at every sample, followed by the residuals of the constraints
-        on the unknowns.
+        """Return an array of the residuals of the equations E1 and E5 at every sample, followed by the residuals of
+        the constraints on the unknowns. `x` is the array of all unknowns.
         """
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
@@ -392,8 +395,9 @@ def true_hinge() -> FittedHinge:
 
 
 def hinge_error(fitted: FittedHinge) -> float:
-    """Return the largest difference of a fitted hinge from the true one, as a float, over the components of both axes
-    and, perpendicular to the axis, of both points. The axes are compared up to a common sign.
+    """Return the largest absolute difference of a fitted hinge from the true one, as a float. It is taken over the
+    components of both axes and, perpendicular to the axis, of both hinge points. The sign that both axes have in
+    common is not counted.
     """
     truth = true_hinge()
     sign = np.sign(fitted.n @ truth.n)

@@ -45,9 +45,9 @@ _SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and at
 
 
 class RotationCase(NamedTuple):
-    """A rotating body with a known attitude: the reference example rotated by Q, so that S = Q S_ref and omega = Q
-    omega_ref. `quat` is a quaternion (w, x, y, z) of Q with integer components. The methods compute angular
-    velocities, exact attitudes and errors of attitudes.
+    """A rotating body with the known attitude S = Q S_ref, where Q is a constant rotation and S_ref is the product of
+    rotations about x, y and z by 3t, t and 5t. `quat` is a quaternion (w, x, y, z) of Q with integer components. The
+    methods compute angular velocities, exact attitudes and errors of attitudes.
     """
 
     name: str
@@ -64,7 +64,7 @@ class RotationCase(NamedTuple):
         return np.array(rows) / size
 
     def omega(self, t: Array) -> Array:
-        """Return the angular velocity in world axes at times t [rad/s]; shape (N, 3)."""
+        """Return the angular velocity [rad/s] in world axes at an array of times t [s], shape (N, 3)."""
         x = 3 + 5 * np.sin(t)
         y = np.cos(3 * t) - 2.5 * (np.sin(2 * t) + np.sin(4 * t))
         z = np.sin(3 * t) + 2.5 * (np.cos(4 * t) + np.cos(2 * t))
@@ -72,9 +72,7 @@ class RotationCase(NamedTuple):
         return np.stack([(a * x + b * y + c * z) / size for a, b, c in rows], axis=-1)
 
     def exact_attitudes(self, t: Array) -> list[Any]:
-        """Return a list of the attitudes at times t, as mpmath matrices with 50 digits: Q times rotations about x, y
-        and z by 3t, t and 5t.
-        """
+        """Return a list of the attitudes at an array of times t [s], as mpmath rotation matrices with 50 digits."""
         x, y, z = np.eye(3).tolist()
         with mpmath.workdps(_EXACT_ATTITUDE_DECIMAL_DIGITS):
             Q, times = rotation_of_quaternion(self.quat), [mpmath.mpf(s) for s in t.tolist()]
@@ -103,9 +101,9 @@ ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("
 
 
 def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
-    """Return a dict from a label to a tuple (job, step [s]), one for each method and number of steps or tolerance;
-    the step is None if it varies. A job integrates `motion` and returns an array of quaternions (w, x, y, z) at the
-    instants at which errors are computed.
+    """Return a dict from a label, such as "magnus6, 50 steps", to a tuple (job, step [s]), one for each method and
+    number of steps or tolerance; the step is None if it varies. A job integrates `motion` and returns an array of
+    quaternions (w, x, y, z) at the instants at which errors are computed.
 
     Methods of hingepair with each number of steps come first. SciPy's solvers with each tolerance follow; their steps
     vary, for which None stands.
@@ -158,7 +156,7 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
 
 def _observed_order(previous_run: tuple[float, float] | None, current_run: tuple[float, float]) -> float | None:
     """Return the order of convergence between two runs, tuples (step, error). It is None if there is no previous run
-    or if an error is only rounding.
+    or if an error is at most 1e-14, which is the size of rounding errors.
     """
     if previous_run is None or min(previous_run[1], current_run[1]) <= 1e-14:
         return None
@@ -191,13 +189,16 @@ def _long_case_name(motion: RotationCase) -> str:
 
 
 def _long_run_job(motion: RotationCase, t: Array) -> Job:
-    """Return a job that integrates the motion from `t[0]` to `t[-1]` with a step between successive instants. Its
-    first call caches the values of omega, which later calls read.
+    """Return a job that integrates the motion from `t[0]` to `t[-1]` with a step between successive instants, and
+    returns the trajectory with the attribute `quat_wxyz`. The first call of the job caches the values of omega, which
+    later calls read.
     """
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
-        """Return omega1 at the nodes [rad/s], stored for later calls at the same nodes."""
+        """Return the angular velocity [rad/s] at the instants `nodes`; it is computed once and stored for later calls
+        with the same nodes.
+        """
         key = len(nodes), nodes[0], nodes[-1]
         if key not in computed:
             computed[key] = motion.omega(nodes)
@@ -232,7 +233,9 @@ def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
     sin, cos = math.sin, math.cos
 
     def rate(t: float, quat: Any) -> tuple[float, ...]:
-        """Return the time derivative of a quaternion (w, x, y, z) under the known omega1(t): four floats."""
+        """Return the time derivative of a quaternion (w, x, y, z) at time t under the known angular velocity, as a
+        tuple of four floats.
+        """
         u = (1.5 + 2.5 * sin(t)) / size
         v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
         w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size
@@ -260,8 +263,8 @@ def _method_of_label(label: str) -> str:
 
 
 def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return a dict from a method's name to its run time [s] at the error TARGET_ATTITUDE_ERROR_RAD, interpolated
-    between the table rows of the case named `case`. Methods that do not reach that error are left out.
+    """Return a dict from a method's name to its minimum run time [s] at the error TARGET_ATTITUDE_ERROR_RAD,
+    interpolated between the table rows of the case named `case`. Methods that do not reach that error are left out.
     """
     times = {}
     for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
@@ -309,8 +312,8 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
 
 
 def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[MethodCurve]:
-    """Return a list of curves, one for each method, of the errors of the case named `case`. Their abscissa is the
-    value in the extra column named `column`, or the run time [ms] if `column` is None.
+    """Return a list of MethodCurves, one for each method, of the errors of the case named `case`. Their abscissa is
+    the value in the extra column named `column`, or the minimum run time [ms] if `column` is None.
     """
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:

@@ -163,8 +163,8 @@ def measure_methods(
 ) -> list[Row]:
     """Measure the run times of the methods for a batch of `size` samples, `repeats` times in alternation; return a
     list of the table rows of the case. A method is left out if `size` is below its `min_samples`, and computes at
-    most its `max_samples`. `make_task` returns the task of a number of samples; `errors` and `extra_columns` are
-    mappings by the method's name.
+    most its `max_samples`. `make_task` returns the task of a number of samples. By the method's name, `errors` maps
+    to a number and `extra_columns` to a mapping of further values by column heading; both may be None.
 
     Args:
         case: name of the case.
@@ -189,9 +189,9 @@ def make_rows(
     extra_columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
     """Return a list of the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the
-    run times of a call, one for each repeat. Ratios refer to the first method. `sample_counts` is the number of
-    samples of a call for all methods, or a mapping by the method's name; `errors` and `extra_columns` are such
-    mappings too.
+    run times [s] of a call, one for each repeat. Ratios refer to the first method. `sample_counts` is the number of
+    samples of a call for all methods, or a mapping by the method's name. By the method's name, `errors` maps to a
+    number and `extra_columns` to a mapping of further values by column heading; both may be None.
 
     Args:
         case: name of the case.
@@ -239,8 +239,8 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
 
 
 def wait_for_other_threads() -> None:
-    """Wait until no other thread of this process runs or waits for a memory page, for at most ten seconds; return
-    None also if threads are still busy then. Only Linux is supported; on other systems, return at once.
+    """Wait until no other thread of this process runs or waits for a memory page, but not longer than about ten
+    seconds. Only Linux is supported; on other systems, return at once.
 
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """
@@ -267,7 +267,8 @@ def _format_cell(value: Any) -> str:
 
 
 def format_number(number: float) -> str:
-    """Return a number as text with three significant digits, or with all digits before the point.
+    """Return a number as text with three significant digits, or, if it is at least 100, as a rounded integer with
+    commas between thousands.
 
     >>> format_number(1234.5), format_number(0.0123456)
     ('1,234', '0.0123')
@@ -294,7 +295,9 @@ def case_name(description: str, size: int) -> str:
 
 
 def machine_facts() -> dict[str, Any]:
-    """Return a dictionary of the processor, the system and the versions of packages, to print with a measurement."""
+    """Return a dictionary of the processor, the machine type, the number of cores, the system, and the versions of
+    Python and of packages, to print with a measurement.
+    """
     processor = platform.processor()
     with suppress(OSError, StopIteration), open("/proc/cpuinfo", encoding="utf-8") as lines:
         processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))

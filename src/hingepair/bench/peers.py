@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.engines import (
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    MAX_PYTHON_LOOP_SAMPLES,
     make_cpp_job,
     mujoco_coordinates,
     pinocchio_coordinates,
@@ -48,8 +48,8 @@ BENCH_PAIR_CONSTANTS: dict[str, Any] = {
 
 
 class KinematicsTask(NamedTuple):
-    """A batch of states of a pair, at which every method computes the motion of body 2. `motion` is q; q and qd; or
-    q, qd and qdd, shape (N, 7) each; `buffers` are arrays for the outputs by name.
+    """A batch of states of a pair, at which every method computes the motion of body 2. `motion` is one of the tuples
+    (q,), (q, qd) and (q, qd, qdd) of arrays of shape (N, 7); `buffers` is a dict of arrays for the outputs by name.
     """
 
     pair: HingePair
@@ -58,8 +58,8 @@ class KinematicsTask(NamedTuple):
 
     @property
     def arguments(self) -> MotionArrays:
-        """Return the arrays of the motion as a tuple: q; q and qd; or q, qd and qdd, shape (N, 7) each. For a batch
-        of one sample, return the arrays of one state, shape (7,) each.
+        """Return the arrays of the motion as one of the tuples (q,), (q, qd) and (q, qd, qdd). The arrays have shape
+        (N, 7), but shape (7,) for a batch of one sample.
         """
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
@@ -71,7 +71,7 @@ class KinematicsTask(NamedTuple):
 
 def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[str, ...]) -> KinematicsTask:
     """Return a KinematicsTask with a buffer for each named output, allocated and written, so that no page fault is
-    timed. `motion` is q; q and qd; or q, qd and qdd, shape (N, 7) each.
+    timed. `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd) of arrays of shape (N, 7).
     """
     samples = len(motion[0])
     return KinematicsTask(
@@ -80,9 +80,9 @@ def make_kinematics_task(pair: HingePair, motion: MotionArrays, outputs: tuple[s
 
 
 def hingepair_job_maker(*, allocates_outputs: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
-    """Return a function from a task to a job, which calls `pair.forward_kinematics` and returns a tuple of the
-    outputs. The outputs are new arrays if `allocates_outputs` or for one state, else the task's buffers. The further
-    keyword arguments are options of `forward_kinematics`.
+    """Return a function from a KinematicsTask to a job, which calls `pair.forward_kinematics` and returns a tuple of
+    the outputs. The outputs are new arrays if `allocates_outputs` or for one state; otherwise they are the task's
+    buffers. The further keyword arguments are options of `forward_kinematics`.
 
     Args:
         allocates_outputs: whether the outputs are new arrays; otherwise they are the buffers of the task.
@@ -107,8 +107,8 @@ def prepared_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def copy_job(task: KinematicsTask) -> Job:
-    """Return a job that copies as many bytes as the outputs have into the task's buffers, and returns None. Its run
-    time is a lower bound of the run time of any method.
+    """Return a job that fills the task's buffers by copying arrays of the same size, and returns None. Its run time
+    is a lower bound of the run time of any method.
     """
     source = {name: np.ones_like(array) for name, array in task.buffers.items()}
 
@@ -120,7 +120,7 @@ def copy_job(task: KinematicsTask) -> Job:
 
 
 def fresh_copy_job(task: KinematicsTask) -> Job:
-    """Return a job that copies as many bytes as the outputs have into new arrays, and returns a list of these."""
+    """Return a job that copies arrays of the size of the task's buffers, and returns a list of the new arrays."""
     source = [np.ones_like(array) for array in task.buffers.values()]
     return lambda: [array.copy() for array in source]
 
@@ -147,7 +147,9 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
     level, world = len(inputs), pin.LOCAL_WORLD_ALIGNED
 
     def read(*rows: Array) -> OutputArrays:
-        """Compute the outputs of body 2 for one sample by Pinocchio; return them as a dict by name."""
+        """Compute the outputs of body 2 by Pinocchio for one sample, whose q, v and a are the arguments; return a
+        dict of arrays by output name.
+        """
         pin.forwardKinematics(model, data, *rows)
         placement = pin.updateFramePlacement(model, data, frame)
         outputs = {"R2": placement.translation, "S2": placement.rotation}
@@ -174,9 +176,9 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
-    """Compile Pinocchio's C++ loop, unless it is compiled, and return a job that calls Pinocchio for each sample of
-    the task in this loop. The job writes the outputs into the task's buffers and returns these, a dict by name. Raise
-    a MissingDependencyError if the loop cannot be compiled.
+    """Compile Pinocchio's C++ loop, unless it has been compiled before, and return a job that calls Pinocchio for
+    each sample of the task in this loop. The job writes the outputs into the task's buffers and returns these, a dict
+    by name. Raise a MissingDependencyError if the loop cannot be compiled.
     """
     rows = [*_pinocchio_inputs(task), None, None][:3]
     outputs = [task.buffers.get(name) for name in OUTPUT_NAMES_BY_LEVEL["acceleration"]]
@@ -298,8 +300,8 @@ def _stacked_rotation(xp: Any, axis_index: int, angle: Any) -> Any:
 
 def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> OutputArrays:
     """Return a dict of R2, S2, v2, omega2, a2 and alpha2 by name, computed from the attitudes S1, S2, shape (N, 3,
-    3), by `xp`, which is numpy or jax.numpy. Rates need qd, and accelerations qdd in `motion`, which is q; q and qd;
-    or q, qd and qdd.
+    3), by `xp`, which is numpy or jax.numpy. `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd). Without qd
+    there are no rates, and without qdd no accelerations in the dict.
     """
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
@@ -327,7 +329,7 @@ def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: An
 @contextmanager
 def _restrict_to_one_core() -> Iterator[None]:
     """Return a context manager that restricts the calling thread, and the threads that it starts, to one core until
-    it exits. It does nothing where the system has no such call; Linux has one.
+    it exits. It does nothing if the system has no such call; Linux has one.
 
     JAX then makes one thread when it first lists its devices.
     """
@@ -360,9 +362,9 @@ def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
 def pinocchio_cycle_job(
     pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
 ) -> Job:
-    """Return a job that computes pose, velocities, Jacobian and acceleration bias of body 2 at one state by
-    Pinocchio, as a tuple. The state is position, quaternion (x, y, z, w), velocity and angular velocity of body 1,
-    psi and psi'; its conversion to Pinocchio's coordinates is not timed.
+    """Return a job that computes a control cycle at one state by Pinocchio: a tuple of R2, S2, v2, omega2 and
+    Jacobian of body 2, and the linear and the angular acceleration bias. The state is position, quaternion (x, y, z,
+    w), velocity and angular velocity of body 1, psi and psi'; its conversion to Pinocchio's coordinates is not timed.
     """
     import pinocchio as pin
 
@@ -372,8 +374,8 @@ def pinocchio_cycle_job(
     q, rates, zeros = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
 
     def run() -> Any:
-        """Return a tuple of pose, velocities, Jacobian and acceleration bias of body 2 for one state, computed by
-        Pinocchio.
+        """Return a tuple of seven arrays of body 2 for one state, computed by Pinocchio: R2, S2, v2, omega2,
+        Jacobian, and the linear and the angular acceleration bias.
         """
         pin.forwardKinematics(model, data, q, rates, zeros)
         placement = pin.updateFramePlacement(model, data, frame)

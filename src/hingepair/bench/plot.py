@@ -25,9 +25,9 @@ class MethodCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic. y is logarithmic;
-    or linear from 0 to `max_y`, if this is given; or the index of one of the labels `y_names`. A vertical line marks
-    `min_x`.
+    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic. y is logarithmic
+    by default, linear from 0 to `max_y` if this is given, or the index of one of the labels `y_names` if these are
+    given. A vertical line marks `min_x`.
     """
 
     title: str
@@ -97,8 +97,8 @@ def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_f
 
 
 def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, str]]) -> None:
-    """Draw the curves and labels of a panel into Matplotlib axes. `style_by_method` maps a method's name to (colour,
-    marker). Points above the panel's `max_y` are drawn at the edge with their value.
+    """Draw the curves and labels of a panel into Matplotlib axes. `style_by_method` maps a method's name to a tuple
+    (colour, marker). Points above the panel's `max_y` are drawn at the upper edge with their y value.
     """
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from hingepair.bench.engines import (
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
+    MAX_PYTHON_LOOP_SAMPLES,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
-    MAX_PYTHON_LOOP_SAMPLES,
     compile_library,
     cpp_missing_reason,
 )
@@ -140,8 +140,8 @@ def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
 
 
 def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTask]) -> dict[str, float]:
-    """Compute a few states by each method and exactly; return a dict from the method's name to its largest relative
-    error. `make_task` returns the task of a number of states.
+    """Compute a few states of one robot and workload by each method and exactly; return a dict from the method's name
+    to its largest relative error. `make_task` is a function from a number of states to a RobotTask.
     """
     print_progress(f"{make_task(1).name}, {make_task(1).workload}: {ROBOT_TRUTH_DECIMAL_DIGITS} digits")
     truth = exact_robot_results(make_task(_NUM_STATES_COMPARED_WITH_EXACT))
@@ -155,7 +155,7 @@ def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTas
 
 def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
     """Return the picture's panels, one for each workload, as a list of lists. A panel has a line for each robot and
-    shows, along x, the run times of batches of `size` states by each method.
+    shows, along x, the run times per state of batches of `size` states by each method.
 
     The legend shows the largest error of each engine.
     """
@@ -278,7 +278,7 @@ class _JobWithReader:
 
 
 class _LazyArray:
-    """A result that is converted into an array, by the function `read`, when NumPy asks for one."""
+    """A result that is converted into an array, by the function `read`, when NumPy converts this object into one."""
 
     def __init__(self, result: Any, read: Any) -> None:
         self._result, self._read = result, read
@@ -359,9 +359,9 @@ def pinocchio_batch_job(task: RobotTask) -> Job:
 
 
 def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
-    """Compile Pinocchio's C++ loops, unless they are compiled, and return a job that computes the task's workload by
-    a C++ loop over the states. The job returns an array with a row for each state. Raise a MissingDependencyError if
-    the loops cannot be compiled.
+    """Compile Pinocchio's C++ loops, unless they have been compiled before, and return a job that computes the task's
+    workload by a C++ loop over the states. The job returns an array with a row for each state. Raise a
+    MissingDependencyError if the loops cannot be compiled.
     """
     library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
@@ -435,7 +435,7 @@ def mujoco_robot_job(task: RobotTask) -> Job:
     results = np.empty_like(rows[1])
 
     def run() -> Array:
-        """Compute the efforts or accelerations of every state by MuJoCo; return them as rows."""
+        """Compute the efforts or accelerations of every state by MuJoCo; return an array with a row per state."""
         for i, row in enumerate(zip(*rows, strict=True)):
             data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)

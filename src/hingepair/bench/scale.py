@@ -230,7 +230,7 @@ def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
     """
 
     def run() -> Any:
-        """Run the job, append its processor time [s], and return its result."""
+        """Run the job, append the processor time of the call [s] to the list, and return the result of the job."""
         start = time.process_time()
         result = job()
         processor_seconds.append(time.process_time() - start)
@@ -240,8 +240,8 @@ def _with_processor_time(job: Job, processor_seconds: list[float]) -> Job:
 
 
 def _measure_long_reduction(samples: int, threads: int) -> Row:
-    """Measure run time and peak memory of a Dask reduction of `samples` random poses, with `threads` threads in a
-    separate process; return one table row.
+    """Measure once the run time and the peak memory of a Dask reduction of `samples` random poses, with `threads`
+    threads in a separate process; return one table row. Raise a CalledProcessError if the process fails.
     """
     command = [sys.executable, "-c", _DASK_REDUCTION_PYTHON_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
@@ -251,7 +251,7 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
 
 def _measure_sweeps(threads: int) -> list[Row]:
     """Measure once the run time of the command `hingepair sweep` with `threads` workers on each of several sweeps,
-    including the start of its process; return a list of table rows.
+    including the start of the process; return a list of table rows. Raise a CalledProcessError if a process fails.
     """
     rows = []
     for case, (scene, output, key) in _SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME.items():

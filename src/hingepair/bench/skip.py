@@ -19,8 +19,9 @@ OPERATION_COUNT_COLUMN = "operations"  # heading of a column of the table
 
 
 class FoldingCase(NamedTuple):
-    """A call of `forward_kinematics` of which something is known: constants of the pair, constant coordinates, or
-    unneeded outputs. `motion` is a tuple of q, or of q and qd; `outputs` names the outputs.
+    """A call of `forward_kinematics` of which something is known before: constants of the pair, constant coordinates,
+    or outputs that are not needed. `motion` is the tuple (q,) or (q, qd), each an array or a tuple of components;
+    `outputs` is a tuple of names.
     """
 
     pair: HingePair | PlanarPair
@@ -70,8 +71,8 @@ def measure_folding(samples: int, repeats: int) -> Report:
 
 
 def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
-    """Return a dict from a name to a FoldingCase of `samples` random samples. The name says what is known; in the
-    first case nothing is.
+    """Return a dict from a name to a FoldingCase of `samples` random samples. The name says what is known about the
+    inputs; in the first case nothing is known.
     """
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))

@@ -32,7 +32,7 @@ _EULER_ANGLES_AND_PSI_SLICE = slice(3, 7)  # of the three Euler angles and psi a
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
     """Return a dict of R2, S2, v2, omega2, a2, alpha2 at one state by name, as flat lists of mpmath numbers. `pair`
-    is a mapping with u1, u2, n, home; qd and qdd are zero unless given.
+    is a mapping with u1, u2, n, home; q, qd and qdd have seven components, and qd and qdd are zero unless given.
 
     Args:
         pair: u1, u2, n, home as numbers.
@@ -59,8 +59,8 @@ def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = 
 
 
 def _exact_body2(pair: PairNumbers, motion: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Return a tuple of R2, S2 and S1 Sh as mpmath matrices, at time t [s] of the motion that has q, qd, qdd at 0 and
-    constant qdd. `pair` is a mapping with u1, u2, n, home.
+    """Return a tuple of three mpmath matrices at time t [s]: R2, S2, and S1 times the rotation about the hinge axis
+    by psi. `motion` is a list of q, qd and qdd at time 0; qdd is constant. `pair` is a mapping with u1, u2, n, home.
     """
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*motion, strict=True))
     S1 = mpmath.eye(3)
@@ -96,7 +96,7 @@ def skew_vector(W: Any) -> Any:
 
 class ExactResults:
     """Exact results of a batch of states, computed at construction, and the scales of their rounding errors. The
-    method `largest_error` compares the results of a method with them.
+    method `largest_error` compares the results of a computation with them.
 
     Args:
         pair: u1, u2, n, home: the arguments of the pair.
@@ -111,8 +111,9 @@ class ExactResults:
         self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
 
     def largest_error(self, results: Mapping[str, Array]) -> float:
-        """Return the largest error [u * scale] of any output of `results`, a mapping of arrays by name, against the
-        exact results, as a float. It is inf if a result is not finite.
+        """Return the largest error of any output of `results`, a mapping of arrays by output name, against the exact
+        results, as a float in units of u * scale, the unit roundoff times the scale of the output. It is inf if a
+        result is not finite.
         """
         worst = 0.0
         for name in self.outputs:
@@ -129,7 +130,8 @@ class ExactResults:
 
 def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[np.float64]]:
     """Return a dict from an output's name to the scale by which its errors are divided: an array (N,) or a number.
-    `pair` is a mapping with u1, u2, n, home; `motion` is q; q and qd; or q, qd and qdd.
+    `pair` is a mapping with u1, u2, n, home; `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd) of arrays
+    of shape (N, 7).
     """
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
@@ -139,8 +141,8 @@ def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[
 
 
 def random_states(rng: np.random.Generator, count: int, num_levels: int) -> MotionArrays:
-    """Return a tuple of the first `num_levels` of q, qd and qdd, of normally distributed random numbers from `rng`,
-    shape (count, 7) each.
+    """Return a tuple of the first `num_levels` (1 to 3) of q, qd and qdd, of normally distributed random numbers from
+    `rng`, shape (count, 7) each.
 
     Args:
         rng: source of the numbers.
@@ -151,8 +153,8 @@ def random_states(rng: np.random.Generator, count: int, num_levels: int) -> Moti
 
 
 def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
-    """Return a tuple of the first `num_levels` of q, qd and qdd of numerically difficult states, shape (N, 7) each.
-    Each state is random (from `rng`) except for one change, such as a tiny psi.
+    """Return a tuple of the first `num_levels` (1 to 3) of q, qd and qdd of numerically difficult states, shape (N,
+    7) each. Each state is random (from `rng`) except for one change, such as a tiny psi.
 
     Args:
         rng: source of the numbers.
