@@ -663,7 +663,8 @@ def test_forces_of_a_mechanism_stand_beside_their_limits(tmp_path: Path) -> None
     heavy.write_text(text)
     lines = hingepair("forces", heavy, "--out", out).stdout.splitlines()
     (heading,) = (line for line in lines if line.startswith("joint "))
-    assert re.split("  +", heading)[1:7] == ["unit", "rms", "max |tau|", "at t", "limit", "of it"]
+    assert re.split("  +", heading)[1:7] == ["unit", "rms", "max |tau|", "at t", "limit", "of limit"]
+    assert re.split("  +", heading)[7:] == ["min q", "limit", "max q", "limit", "max |q'|", "limit"]
     (elbow,) = (line.split() for line in lines if line.startswith("arm_left_4_joint "))
     assert elbow[5:9] == ["3.5", "17.86", "107%", "-1.75"]
     assert elbow[-1] == "4.58"

@@ -26,8 +26,8 @@ from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_DE
 from hingepair.scenes.motion import non_finite_sentences
 
 _JOINT_LOAD_TABLE_HEADINGS = (
-    *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
-    *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
+    *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),
+    *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
 )
 """Headings of the table of joint forces: torques against their limits, then positions and rates."""
 
