@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
-_OBJECT_TYPE_OFFSET_BYTES: Final = 8  # the type of any object
+_OBJECT_TYPE_ADDRESS_OFFSET_BYTES: Final = 8  # the address of the type of any object
 _FLOAT_VALUE_OFFSET_BYTES: Final = 16  # the number of a float
 _ARRAY_DATA_ADDRESS_OFFSET_BYTES: Final = 16  # the address of an array's first element
 _ARRAY_RANK_OFFSET_BYTES: Final = 24  # the number of an array's axes
 _ARRAY_SHAPE_ADDRESS_OFFSET_BYTES: Final = 32  # the address of an array's shape
 _ARRAY_STRIDES_ADDRESS_OFFSET_BYTES: Final = 40  # the address of an array's strides
-_ARRAY_DTYPE_OFFSET_BYTES: Final = 56  # the dtype of an array
+_ARRAY_DTYPE_ADDRESS_OFFSET_BYTES: Final = 56  # the address of the dtype of an array
 _ARRAY_FLAGS_OFFSET_BYTES: Final = 64  # the flags of an array
 _ARRAY_WRITEABLE_FLAG_MASK: Final = 0x0400  # the bit of the flags that says that an array is writable
 
@@ -55,7 +55,7 @@ def knows_array_layout() -> bool:
     pointer, integer = _read_pointer, ctypes.c_int64.from_address
     start = id(probe)
     return (
-        pointer(start + _OBJECT_TYPE_OFFSET_BYTES).value == id(np.ndarray)
+        pointer(start + _OBJECT_TYPE_ADDRESS_OFFSET_BYTES).value == id(np.ndarray)
         and pointer(start + _ARRAY_DATA_ADDRESS_OFFSET_BYTES).value == probe.ctypes.data
         and ctypes.c_int32.from_address(start + _ARRAY_RANK_OFFSET_BYTES).value == 2
         and [integer((pointer(start + _ARRAY_SHAPE_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)]
@@ -64,7 +64,7 @@ def knows_array_layout() -> bool:
             integer((pointer(start + _ARRAY_STRIDES_ADDRESS_OFFSET_BYTES).value or 0) + 8 * k).value for k in range(2)
         ]
         == [24, 8]
-        and pointer(start + _ARRAY_DTYPE_OFFSET_BYTES).value == id(probe.dtype)
+        and pointer(start + _ARRAY_DTYPE_ADDRESS_OFFSET_BYTES).value == id(probe.dtype)
         and ctypes.c_int32.from_address(start + _ARRAY_FLAGS_OFFSET_BYTES).value == probe.flags.num
         and ctypes.c_double.from_address(id(0.5) + _FLOAT_VALUE_OFFSET_BYTES).value == 0.5
         and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _FLOAT_VALUE_OFFSET_BYTES).value == x
@@ -269,7 +269,7 @@ look:
   %scalar = icmp eq i64 %rank, 0
   %output = icmp sge i64 %a, %inputs
   %input = xor i1 %output, true
-  %type.field = getelementptr i8, ptr %object, i64 {_OBJECT_TYPE_OFFSET_BYTES}
+  %type.field = getelementptr i8, ptr %object, i64 {_OBJECT_TYPE_ADDRESS_OFFSET_BYTES}
   %type = load i64, ptr %type.field
   %is_array = icmp eq i64 %type, {id(np.ndarray)}
   br i1 %is_array, label %head, label %number
@@ -286,7 +286,7 @@ head:
   %axes.field = getelementptr i8, ptr %object, i64 {_ARRAY_RANK_OFFSET_BYTES}
   %axes.short = load i32, ptr %axes.field
   %axes = sext i32 %axes.short to i64
-  %dtype.field = getelementptr i8, ptr %object, i64 {_ARRAY_DTYPE_OFFSET_BYTES}
+  %dtype.field = getelementptr i8, ptr %object, i64 {_ARRAY_DTYPE_ADDRESS_OFFSET_BYTES}
   %dtype = load i64, ptr %dtype.field
   %flags.field = getelementptr i8, ptr %object, i64 {_ARRAY_FLAGS_OFFSET_BYTES}
   %flags = load i32, ptr %flags.field
