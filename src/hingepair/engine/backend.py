@@ -74,15 +74,15 @@ def _cached_execution(backend: str, workers: int) -> Execution:
 
 
 def _core_count() -> int:
-    """Return the number of cores that this process may use, or the number of all cores if the operating system does
-    not tell.
+    """Return the number of cores that this process may use. If the operating system does not tell that number, return
+    the number of all cores, or 1 if that is unknown too.
     """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class BreakEvenCounter:
-    """Counter of the estimated seconds that calls have lost because a kernel is not compiled yet. It tells when the
-    loss has reached the time of compiling the kernel.
+    """Counter of the estimated seconds that calls have lost because a kernel is not compiled yet. `count_call` and
+    `count_state_call` tell whether the loss has reached the time of compiling the kernel.
 
     A kernel is compiled once the time lost without it equals the time of compiling it (the break-even rule of the
     ski-rental problem). Whatever calls come, their time is at most twice that of the better backend in hindsight, and
@@ -134,8 +134,8 @@ class BreakEvenCounter:
         return self._kernel_pays()
 
     def _kernel_pays(self) -> bool:
-        """Return whether a kernel should be compiled: the time lost has reached the time of compiling or
-        `compile_at_first_call` is active, and kernels are not disabled.
+        """Return whether a kernel should be compiled: kernels are not disabled, and either the time lost has reached
+        the estimated time of compiling, or `compile_at_first_call` is active.
         """
         reached = self.seconds_without_kernel >= self.seconds_to_compile or _compiles_at_first_call.get()
         return reached and not _kernels_disabled

@@ -51,7 +51,7 @@ class BoundInputs(NamedTuple):
 
 class BoundConstant(NamedTuple):
     """An input that is equal at all samples: its value, its pattern (the source of each component) and its constants
-    (all components except the numbers 0, 1 and -1, which fold). It is bound once and serves many calls.
+    (all components except the numbers 0, 1 and -1, which fold). The input is bound once and serves many calls.
 
     Attributes:
         value: the input itself: a number, a tuple of numbers, or an array.
@@ -213,7 +213,7 @@ def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides,
 def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
     """Return the cached `ArrayLayout` of arrays that broadcast to the shape of the samples. Each of `array_forms` is
     the pair (shape, strides [bytes]) of an array whose last axis holds components. The inner axis is the longest one;
-    if `is_scan` is true, it is the last one, along which the chains run.
+    if `is_scan` is true, the inner axis is the last one, along which the chains run.
 
     The outer axis is the longest of the others.
 

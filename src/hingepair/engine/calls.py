@@ -185,8 +185,8 @@ class Call:
 
     def _make_python_path(self) -> Callable[..., Any]:
         """Return a generated Python function that takes the arguments of one state in order and returns its results
-        without machine code. It returns None unless the arguments are float64 arrays or floats of one state, and
-        compiles the kernel and switches to it when that pays.
+        without machine code. The function returns None unless the arguments are float64 arrays or floats of one
+        state. When it pays, the function compiles the kernel and switches to it.
         """
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
@@ -265,7 +265,7 @@ class Call:
         return function
 
     def _switch_to_kernel(self, *arguments: Any) -> Any:
-        """Compile the kernel, make its machine code the fast path, and return its results for the positional
+        """Compile the kernel, make its machine code the fast path, and return the results for the positional
         arguments. Raises an error if compiling fails.
         """
         self._use_kernel(self.program.kernel(self._kernel_key))
@@ -281,10 +281,11 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for checked arguments of one state or of many; `values` are the arguments and `shapes`
-        their leading shapes, both by name. Outputs named in `out` are written into its arrays. If `dtype` is None,
-        the results have the dtype of the values; a kernel is compiled when that pays. Raises an error if shapes do
-        not broadcast, an array of `out` does not fit, or a limit is exceeded.
+        """Return the results for checked arguments of one state or of many. `values` are the arguments (numbers,
+        arrays, or tuples of components) and `shapes` their leading shapes, both by name. Outputs named in `out` are
+        written into its arrays. If `dtype` is None, the results have the dtype of the values; a kernel is compiled
+        when that pays. Raises an error if shapes do not broadcast, an array of `out` does not fit, or a limit is
+        exceeded.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -322,9 +323,9 @@ class Call:
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
         """Return the results as the function `fast_path` (generated Python or machine code) computes them, written
-        into `out` if that is given; return None if it does not support the arguments. `values` are the arguments and
-        `shapes` their leading shapes, both by name; if `dtype` is None, the results have the dtype of the values.
-        Compiles the kernel when that pays.
+        into `out` if that is given; return None if the function does not support the arguments. `values` are the
+        arguments and `shapes` their leading shapes, both by name. If `dtype` is None, the results have the dtype of
+        the values. Compiles the kernel when that pays.
         """
         single = not any(shapes.values())
         if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
@@ -375,7 +376,8 @@ class Call:
 
     def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
         """Copy `result`, the results of one state, into the arrays of `out`, a dictionary by output name, and return
-        a result that holds these arrays. Raises an error if an array of `out` does not fit or overlaps another.
+        a result that holds these arrays. Raises an error if an array of `out` does not fit or overlaps another array
+        of `out`.
         """
         arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():
@@ -525,9 +527,9 @@ def output_buffers(
     out: Out,
     values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
-    """Return a dictionary with the array to write each output into: the array of `out` after checks, else a new,
+    """Return a dictionary with the array to write each output into: the array of `out` after checks, or else a new,
     uninitialised one. sample_shapes holds pairs (name, shape of one sample), and `shape` is the leading shape. Raises
-    an error if an array of `out` does not fit, or overlaps another or one of the inputs in `values`.
+    an error if an array of `out` does not fit, or overlaps another array of `out` or one of the inputs in `values`.
 
     Args:
         sample_shapes: shape of one sample of each output, by name.

@@ -82,8 +82,8 @@ class Carry(NamedTuple):
 
 class KernelStep(NamedTuple):
     """One LLVM function of a kernel's program: its `name`, the values to compute (`lines`), and the input components
-    to load (`loads`, lists of their indices by input). A step of sines has no `lines`; it computes the sines of
-    `angles` by a shared function.
+    to load (`loads`, a dictionary from the index of an input to the list of component indices). A step of sines has
+    no `lines`; it computes the sines of `angles` by a shared function.
 
     Attributes:
         name: name of the LLVM function.
@@ -161,8 +161,8 @@ class Arithmetic:
 
     def _fused_product(self, value: TracedValue) -> TracedValue | None:
         """Return the product that is fused with a sum or difference, `value`, into one FMA instruction. Return None
-        if `value` is another operation, has no product, or nothing is fused; if both operands are products, the
-        second is fused.
+        if `value` is another operation or has no product, or if the code does not fuse. If both operands are
+        products, the second is fused.
         """
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
@@ -254,7 +254,9 @@ class Arithmetic:
                     self.varying_steps[s].loads[g].append(c)
 
     def _values_read_by(self, step: KernelStep) -> Iterator[TracedValue]:
-        """Yield the traced values that a step reads, including those of the outputs that it stores."""
+        """Yield the traced values that a step reads, including the values that it stores in outputs and, in a scan,
+        the values that it carries to the next sample.
+        """
         yield from step.angles
         for value in step.lines:
             yield from self._operands[id(value)]
@@ -348,8 +350,8 @@ class Arithmetic:
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
         """Return a list with the byte offset in the frame of each component of `group`, a wide output, in tiles of
-        eight; the last tile may overlap the one before. If all components of a tile are one constant, its first
-        offset is stored as its bitwise complement (~) as a mark.
+        eight; the last tile may overlap the one before. If all components of a tile are one constant, the first
+        offset of the tile is stored as its bitwise complement (~) as a mark.
 
         The shared function `rows` takes them.
         """
@@ -364,8 +366,8 @@ class Arithmetic:
         return offsets
 
     def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
-        """Return the list of the slot numbers that hold the angles of a step of sines, and the number of the first
-        slot of its results.
+        """Return the pair of the list of the slot numbers that hold the angles of a step of sines, and the number of
+        the first slot of the results.
         """
         line = self._sine_lines[id(step.angles[0])][0]
         first = self.slots[id(line)] - SINE_OPERATION_NAMES.index(line.operation)
@@ -382,8 +384,8 @@ class Arithmetic:
 
     @property
     def lanewise_functions(self) -> list[str]:
-        """Sorted names of the C library's functions that the steps call once for each lane. The list is complete once
-        `step_functions` has run.
+        """Sorted list of the names of the C library's functions that the steps call once for each lane. The list is
+        complete once `step_functions` has run.
         """
         return sorted(self._lanewise)
 

@@ -66,8 +66,8 @@ class FunctionBuilder:
         self._block = label
 
     def new_labels(self, *kinds: str) -> list[str]:
-        """Return a list of new labels, which are unique in the function. Each label begins with one of the positional
-        arguments.
+        """Return a list of new labels, which are unique in the function: one for each positional argument, with which
+        the label begins.
         """
         self._count += 1
         return [f"{kind}.{self._count}" for kind in kinds]
@@ -168,7 +168,7 @@ class FunctionBuilder:
 
     def shuffle(self, vector_type: str, x: str, y: str, picked_elements: Sequence[int]) -> str:
         """Append a shuffle, which makes a vector of elements picked from the vectors x and y, and return its name. An
-        index of `picked_elements` counts the elements of x, then of y; -1 leaves the lane undefined.
+        index in `picked_elements` counts the elements of x, then of y; -1 leaves the lane undefined.
 
         Args:
             vector_type: type of the vectors.

@@ -69,8 +69,8 @@ def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, 
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return the residual of E2 for a known psi': the vector omega2 - omega1 - h2 psi', where h2 = S2 C^T n is the
-    hinge axis in body 2, world axes.
+    """Return the residual of E2 for a known psi': the vector omega2 - omega1 - h2 psi', where h2 is the hinge axis in
+    body 2, in world axes.
     """
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 

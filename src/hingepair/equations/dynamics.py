@@ -232,8 +232,8 @@ def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
 
 
 def cayley_rate(g: Vector, omega: Vector) -> Vector:
-    """Return the time derivative of g with which `cayley_attitude(g, S)` rotates with the angular velocity omega,
-    world axes.
+    """Return the time derivative of g for which `cayley_attitude(g, S)`, with a constant S, rotates with the angular
+    velocity omega, world axes.
     """
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
 
