@@ -54,9 +54,9 @@ def kernel_ir(
     carry: Carry | None = None,
 ) -> str:
     """Return the LLVM module, as text, of the function `kernel(table, outer, inner)`, which computes outer times
-    inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array; `single` selects float32 instead of
-    float64, and `fuse` fused multiply-adds. If `carry` is given, the kernel is a scan along the inner samples;
-    otherwise all samples are independent.
+    inner samples. `inputs` and `outputs` hold a `ComponentGroup` for each array. The kernel computes in float32
+    instead of float64 if `single` is true, and with fused multiply-adds if `fuse` is true. If `carry` is given, the
+    kernel is a scan along the inner samples; otherwise all samples are independent.
 
     Args:
         inputs: groups of input components, in the order of the table's rows.
@@ -389,7 +389,7 @@ class _OutputWriter:
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, address: str) -> None:
-        """Append to the kernel the store of the address, given by its name, to which the steps write the rows of a
+        """Append to the kernel the store of `address`, the name of the address to which the steps write the rows of a
         block.
         """
         self.f.do(f"store ptr {address}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")

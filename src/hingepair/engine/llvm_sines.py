@@ -133,8 +133,8 @@ def _load_constant(f: FunctionBuilder, number: float) -> str:
 
 
 def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
-    """Append to the function `f` the computation of sine, cosine and 1 - cosine of a vector x of angles [rad] up to
-    `_MAX_REDUCIBLE_ANGLE_RAD`, and return the names of the three vectors.
+    """Append to the function `f` the computation of sine, cosine and 1 - cosine of a vector of angles [rad] up to
+    `_MAX_REDUCIBLE_ANGLE_RAD`, and return the names of the three vectors. `x` is the name of the vector of angles.
     """
     put = f.put
     integers = f"<{LANE_COUNT} x i64>"
@@ -148,7 +148,7 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
         """Append the evaluation of a polynomial of the vector z by Horner's scheme, and return the name of the
-        result. The coefficients are numbers, highest power first.
+        result. The coefficients are numbers from the table of constants, highest power first.
         """
         value = constant(coefficients[0])
         for c in coefficients[1:]:

@@ -158,8 +158,8 @@ class Loop:
 
 
 class OperationCounts(NamedTuple):
-    """Numbers of operations of a program: `per_sample` counts those done for each sample, `shared` those done once
-    for all samples, and `unfolded` those of the program without known inputs.
+    """Numbers of operations of a program: `per_sample` counts the operations done for each sample, `shared` the
+    operations done once for all samples, and `unfolded` the operations of the program for which no input is known.
 
     Attributes:
         per_sample: operations for each sample.

@@ -188,8 +188,8 @@ def load_llvmlite() -> Any:
 
 @functools.cache
 def can_compile() -> bool:
-    """Return whether kernels can be compiled in this process, found by compiling one; the answer is cached. If not,
-    warn once and stop the backend "auto" from compiling.
+    """Return whether kernels can be compiled in this process, which is found by compiling one; the answer is cached.
+    If they cannot, warn once and stop the backend "auto" from compiling.
     """
     try:
         Kernel("probe", "define void @kernel() { ret void }")

@@ -50,8 +50,8 @@ class Results(DaskCollection, Shown):
         return {name: self[name] for name in self._content[0]}
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return a dictionary of the Dask arrays among the results, and a function that returns the results when it
-        is given the computed arrays by name.
+        """Return a pair: a dictionary of the Dask arrays among the results, and a function that takes the computed
+        arrays by name and returns the results with them.
         """
         arrays = self.arrays()
         lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
@@ -104,8 +104,8 @@ _set_attribute = object.__setattr__
 
 
 def writable_arrays(results: Results) -> dict[str, FloatArray]:
-    """Make the arrays of results, and the arrays of which they are views, writable, and return a dictionary of them
-    by name, with numbers as arrays. Use this only for results that no user holds.
+    """Make the arrays of results, and the arrays of which they are views, writable, and return them in a dictionary
+    by name, in which numbers have become arrays. Use this function only for results that no user holds.
     """
     names, arrays, _ = results._content
     for array in arrays:
