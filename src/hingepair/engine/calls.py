@@ -492,7 +492,7 @@ def _register_for_jax(result_class: Any) -> None:
         """
         names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
         by_name = dict(zip(names, arrays, strict=True))
-        shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are no arrays
+        shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are not arrays
         return result_class(by_name, tuple(shape[: len(shape) - axes]))
 
     register_pytree_node(result_class, flatten, unflatten)
@@ -500,7 +500,7 @@ def _register_for_jax(result_class: Any) -> None:
 
 @functools.lru_cache(maxsize=512)
 def _compile_source(source: str) -> CodeType:
-    """Return the cached code object of a Python source, so that calls of one form share it."""
+    """Return the cached code object of a Python source, so that calls with the same source share the object."""
     return compile(source, "<hingepair: call>", "exec")
 
 
@@ -510,7 +510,7 @@ def _is_float_tuple(value: Any) -> bool:
 
 
 def _no_fast_path(*_: Any) -> None:
-    """Return None for any arguments: the fast path of a call that supports no arguments."""
+    """Return None for any arguments. This function is the fast path of a call that has no other."""
 
 
 def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:

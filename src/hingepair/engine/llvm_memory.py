@@ -148,7 +148,7 @@ def _columns_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM code of the function `columns`, which loads eight contiguous rows of eight or more components
     and stores each component as a vector of eight samples.
 
-    Eight components are transposed at a time; the last eight overlap those before them where the count is no
+    Eight components are transposed at a time; the last eight overlap those before them if the count is not a
     multiple of eight.
     """
     f = _begin_function("columns", float_type)
@@ -195,7 +195,7 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
     Eight components (a tile) are transposed at a time. `tiles` holds the byte offset of each component's vector in
     the frame. The first offset of a tile of one constant has its bits flipped; where `filled`, the rows hold such
-    constants already. The last tile overlaps the one before it where the count is no multiple of eight.
+    constants already. The last tile overlaps the one before it if the count is not a multiple of eight.
     """
     f = _begin_function("rows", float_type)
     vector, vector_bytes = f"<{LANE_COUNT} x {float_type}>", LANE_COUNT * number_bytes

@@ -59,7 +59,7 @@ class Results(DaskCollection, Shown):
         return lazy, functools.partial(_results_of, type(self), others, self.shape)
 
     def __getitem__(self, name: str) -> FloatArray:
-        """Return an output by its name; outputs that are no attributes of the class are available here only.
+        """Return an output by its name; outputs that are not attributes of the class are available here only.
 
         Raises:
             KeyError: the output was not computed.

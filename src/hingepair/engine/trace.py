@@ -20,7 +20,7 @@ from hingepair.numeric.bounded import Bounded
 Operand: TypeAlias = "TracedValue | float"
 
 NON_ARITHMETIC_OPERATION_NAMES: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
-"""Operations of a trace that are no plain arithmetic."""
+"""Names of the operations of a trace that are not plain arithmetic."""
 
 
 class TracedValue:

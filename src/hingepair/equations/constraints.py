@@ -1,6 +1,6 @@
 """E1 and E2 as residuals of any two motions, and their exact first and second derivatives in time.
 
-Plain arithmetic on tuples, as in `equations`. The hinge has a frame in either body: (e1, e2, n) fixed in body 1,
+Plain arithmetic on tuples, as in `equations`. The hinge has a frame in each body: (e1, e2, n) fixed in body 1,
 which in world axes is (f1, f2, h1), and C^-1 (e1, e2, n) fixed in body 2, in world axes (g1, g2, h2). At psi = 0 both
 are one frame; whatever psi is, E2 keeps h1 and h2 one line. r_i = S_i u_i.
 

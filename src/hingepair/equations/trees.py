@@ -129,12 +129,14 @@ def turned_columns(A: Matrix, turn: Turn) -> Matrix:
 
 
 def to_parent(placement: Placement, v: Vector) -> Vector:
-    """Return Q v: a vector in the axes of a joint's body, converted to the axes of the parent."""
+    """Return Q v, where Q is the rotation of the placement: v in the axes of a joint's body, converted to the
+    parent's.
+    """
     return rotate(placement.S, v if placement.turn is None else turned(placement.turn, v))
 
 
 def to_child(placement: Placement, v: Vector) -> Vector:
-    """Return Q^T v: a vector in the axes of the parent, converted to the axes of the joint's body."""
+    """Return Q^T v, where Q is the rotation of the placement: v in the parent's axes, converted to those of the body."""
     back = rotate(transpose(placement.S), v)
     return back if placement.turn is None else turned_back(placement.turn, back)
 
@@ -327,7 +329,7 @@ def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
 
 
 def symmetric_to_parent(placement: Placement, A: Symmetric) -> Symmetric:
-    """Return Q A Q^T: a symmetric matrix in the axes of a joint's body, converted to the axes of the parent."""
+    """Return Q A Q^T: a symmetric matrix A of six entries in the axes of a joint's body, converted to the parent's."""
     return conjugate(placement.S, A if placement.turn is None else turned_symmetric(placement.turn, A))
 
 
