@@ -385,7 +385,7 @@ class _OutputWriter:
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
 
     def row(self, inner_index: str) -> str:
-        """Append to the kernel the computation of the address of an inner sample, and return the name of the address."""
+        """Append to the kernel the computation of the address of an inner sample, and return the address's name."""
         return self.f.pointer_at(self.base, self.f.multiply(inner_index, self.inner))
 
     def set_row_address(self, address: str) -> None:

@@ -129,14 +129,12 @@ def turned_columns(A: Matrix, turn: Turn) -> Matrix:
 
 
 def to_parent(placement: Placement, v: Vector) -> Vector:
-    """Return Q v, where Q is the rotation of the placement: v in the axes of a joint's body, converted to the
-    parent's.
-    """
+    """Return Q v, with the rotation Q of the placement: v in the body's axes, converted to the parent's."""
     return rotate(placement.S, v if placement.turn is None else turned(placement.turn, v))
 
 
 def to_child(placement: Placement, v: Vector) -> Vector:
-    """Return Q^T v, where Q is the rotation of the placement: v in the parent's axes, converted to those of the body."""
+    """Return Q^T v, with the rotation Q of the placement: v in the parent's axes, converted to the body's."""
     back = rotate(transpose(placement.S), v)
     return back if placement.turn is None else turned_back(placement.turn, back)
 
@@ -329,7 +327,7 @@ def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
 
 
 def symmetric_to_parent(placement: Placement, A: Symmetric) -> Symmetric:
-    """Return Q A Q^T: a symmetric matrix A of six entries in the axes of a joint's body, converted to the parent's."""
+    """Return Q A Q^T, with the rotation Q of the placement: A in the body's axes, converted to the parent's."""
     return conjugate(placement.S, A if placement.turn is None else turned_symmetric(placement.turn, A))
 
 
