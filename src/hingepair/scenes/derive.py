@@ -116,8 +116,8 @@ def derive(
 
 def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
     """Return the Derivation of the pair in a scene file, ignoring the motion of the file: the coordinates are
-    unspecified functions of t. `symbolic` names the constants that stay symbols, such as "u1". Raise a SceneError for
-    a file that cannot be read, and an ArgumentError for an unknown name.
+    unspecified functions of t. `symbolic` is a tuple of the names of the constants that stay symbols, such as "u1".
+    Raise a SceneError for a file that cannot be read, and an ArgumentError for an unknown name.
 
     Args:
         path: the scene file.

@@ -30,8 +30,9 @@ from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
 class SceneForces(Record):
-    """Forces of a pair at the instants of a scene. Each force array is an attribute such as `hinge_torque`;
-    `gravity`, `noise` and `notes` are further attributes. It prints as a table and can be saved to a file.
+    """Forces of a pair at the instants of a scene. Each force array is an attribute such as `hinge_torque`. `gravity`
+    is the gravity vector, `noise` is a dict of the standard deviations by name of the force, and `notes` is a tuple
+    of sentences. The forces print as a table and can be saved to a file.
 
     Args:
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
@@ -67,10 +68,10 @@ def pair_scene_forces(
     title: str,
     files: tuple[Path, ...],
 ) -> SceneForces:
-    """Return the SceneForces that a pair's Motion requires; `t` are all its instants. `gravity` is a vector, with two
-    components in the plane, or None for the motion's own gravity. `title` and `files` are the scene's title and input
-    files. Raise an ArgumentError if body 2 has no mass properties, the motion has no accelerations, or `gravity` is
-    given for a simulated motion.
+    """Return the SceneForces that a pair's Motion requires; `t` holds all instants of the motion. `gravity` is a
+    vector, with two components in the plane, or None for the motion's own gravity. `title` and `files` are the
+    scene's title and input files. Raise an ArgumentError if body 2 has no mass properties, the motion has no
+    accelerations, or `gravity` is given for a simulated motion.
 
     Raises:
         ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
@@ -159,8 +160,8 @@ def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDA
 def _torque_limit_sentences(
     pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Yield one sentence if motor_torque, or hinge_torque if there is no motor, exceeds the pair's torque_limit at
-    any of the instants t, otherwise nothing. `force_arrays` has the torques by name.
+    """Yield one sentence if the pair has a torque_limit and motor_torque, or hinge_torque if there is no motor,
+    exceeds this limit at any of the instants t; otherwise yield nothing. `force_arrays` has the torques by name.
     """
     limit = getattr(pair, "torque_limit", None)
     if limit is None:

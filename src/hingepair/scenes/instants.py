@@ -26,8 +26,9 @@ MAX_SCENE_SAMPLES: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class UniformInstants:
-    """Evenly spaced instants [s] from `start` to `stop`. They are not stored: indexing by an integer, a slice or an
-    array of integers computes the selected ones. The values equal those of `numpy.linspace` to the bit.
+    """Evenly spaced instants [s] from `start` to `stop`, both included; `samples` is their number. They are not
+    stored: indexing by an integer, a slice or an array of integers computes the selected ones. The values equal those
+    of `numpy.linspace` to the bit.
 
     >>> UniformInstants(0.0, 1.0, 5)[1:3]
     array([0.25, 0.5 ])

@@ -172,8 +172,9 @@ def _velocity_frame(table: Table, log: Log) -> str:
 
 class Log(NamedSource):
     """Columns of a log file by name, read and checked by the constructor, which raises a SceneError for bad ones. Its
-    methods return quantities with their derivatives, and compute those that are missing; `derived`, `noise_shares`
-    and `notes` record what was computed and found.
+    methods return quantities with their derivatives, and compute missing ones. `derived` lists the names of the
+    computed derivatives, `noise_shares` has the noise of each as a fraction of its rms, and `notes` lists sentences
+    on the log.
 
     Args:
         path: the file.

@@ -310,7 +310,7 @@ class Scene(SampledScene):
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs of the pair at all instants of the scene; return a SceneResult. `outputs` are their names;
         None means the outputs that the scene names, or else all of body 2. Raise an ArgumentError for outputs that
-        the motion does not allow, or too many instants.
+        the motion does not allow, or for too many instants.
 
         Args:
             outputs: names of outputs. In space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1,
@@ -372,7 +372,8 @@ class Scene(SampledScene):
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return the ScenePlan of `evaluate` with these outputs: its text lists what is computed and what is skipped,
-        and why. Raise an ArgumentError for outputs that the motion does not allow.
+        and why. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion
+        does not allow.
 
         Args:
             outputs: as for `evaluate`.

@@ -58,8 +58,9 @@ _DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS: Final = {
 
 
 def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
-    """Return the values under keys of a Table: a list of floats, or, if any is an expression in t, psi or psid, a
-    callable of (t, psi, psid) that returns all values. Raise a SceneError for a value that is neither.
+    """Return the values under keys of a Table, in the order of `keys`: a list of floats, or, if any is an expression
+    in t, psi or psid, a callable of (t, psi, psid) that returns a tuple of all values. Raise a SceneError for a value
+    that is neither a number nor an expression.
     """
     constants = {**table.constants, **dict.fromkeys(_HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS, 0.0)}
     expressions = []

@@ -144,8 +144,8 @@ class Table(NamedSource):
         return value
 
     def choice(self, key: str, allowed_names: Sequence[str], default: str | None = None) -> str:
-        """Return the text under a key; if it is absent, the default, or the first allowed name without a default.
-        Raise a SceneError unless it is one of `allowed_names`.
+        """Return the text under a key. If the key is absent, return the default, or the first allowed name if there
+        is no default. Raise a SceneError unless the text is one of `allowed_names`.
         """
         value = self.text(key, default or allowed_names[0])
         with self.naming(key):

@@ -110,7 +110,7 @@ def interpolate_way_points(
 ) -> WayPoints:
     """Return WayPoints through values at increasing instants t; `profile`, one of the WAY_POINT_PROFILE_NAMES,
     selects the polynomials between them. Raise an ArgumentError if the profile needs a larger rate or acceleration
-    than the limits `speed` and `acceleration` allow, and for a limit of acceleration of the linear profile.
+    than the limits `speed` and `acceleration` allow, or if an acceleration limit is given for the linear profile.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)

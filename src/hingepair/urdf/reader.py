@@ -57,8 +57,8 @@ def _joint(element: ET.Element, snap: float) -> JointRecord:
 
 
 class _DoctypeRefusingBuilder(ET.TreeBuilder):
-    """Builder of XML trees that raises a URDFError at a DOCTYPE, before it expands any entity that the DOCTYPE
-    declares.
+    """Builder of XML trees that raises a URDFError at a DOCTYPE, before any entity that the DOCTYPE declares is
+    expanded.
     """
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:

@@ -45,8 +45,8 @@ _QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0
 
 
 class Visual(NamedTuple):
-    """Shape by which a link is drawn or collides: its kind such as "box", its sizes [m] and its FramePose in the
-    link's axes.
+    """Shape by which a link is drawn or collides: its kind such as "box", a tuple of its sizes [m], and its FramePose
+    in the link's axes.
 
     Attributes:
         kind: "box", "cylinder", "sphere", or another tag such as "mesh".
@@ -225,7 +225,7 @@ class JointRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
     """Record of a URDF: the name of the robot, its links by name (a list for each name), its joints in the order of
-    the file, and the joints at each link by the link's name.
+    the file, and, by the name of each link, the joints of which the link is parent or child.
 
     Attributes:
         name: name of the robot.

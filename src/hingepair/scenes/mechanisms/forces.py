@@ -82,8 +82,8 @@ class JointLoad:
 
 
 class MechanismSceneForces(Record):
-    """Joint efforts and base forces at the instants of a mechanism's scene: `tau`, `force1`, `torque1`, and `loads`,
-    a summary of each joint. They print as a table and can be saved to a file.
+    """Joint efforts `tau` and base forces `force1` and `torque1` at the instants of a mechanism's scene, with
+    `loads`, a tuple of one JointLoad for each joint. They print as a table and can be saved to a file.
 
     Args:
         tau: joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).

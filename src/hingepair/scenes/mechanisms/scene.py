@@ -343,7 +343,7 @@ class MechanismScene(SampledScene):
     def evaluate(self, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
         """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult. `outputs` are
         their names; None means the outputs that the scene names, or else the motion of its frames and moving joints.
-        Raise an ArgumentError for outputs that the motion does not allow, or too many instants.
+        Raise an ArgumentError for outputs that the motion does not allow, or for too many instants.
 
         Args:
             outputs: names of outputs. R, S, quat, d, v, omega, a or alpha requests the quantity for all frames of the
@@ -412,7 +412,8 @@ class MechanismScene(SampledScene):
 
     def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
         """Return the MechanismPlan of `evaluate` with these outputs: its text lists what is computed and what is
-        skipped, and why. Raise an ArgumentError for outputs that the motion does not allow.
+        skipped, and why. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that
+        the motion does not allow.
 
         Args:
             outputs: as for `evaluate`.
