@@ -1433,8 +1433,8 @@ FAULTS = {
     ),
     "quarter turns the other way": Fault(
         "urdf/records.py",
-        "_QUARTER_TURN_SINES_AND_COSINES[turns % 4]",
-        "_QUARTER_TURN_SINES_AND_COSINES[-turns % 4]",
+        "_SINE_AND_COSINE_BY_QUARTER_TURN_COUNT[turns % 4]",
+        "_SINE_AND_COSINE_BY_QUARTER_TURN_COUNT[-turns % 4]",
         "urdf/test_urdf_records.py::test_quarter_turns_are_exact[(1, 0, 0)]",
     ),
     "what is near a quarter turn taken for it unasked": Fault(

@@ -20,7 +20,7 @@ from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
 from hingepair.scenes.log_noise import (
-    MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT,
+    MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
     LogNoise,
     finite_rms,
     noise_rows,
@@ -202,7 +202,7 @@ def _force_noise(
         f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
         "(standard deviations; more near the ends)"
     )
-    if torque > MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT * rms:
+    if torque > MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
 

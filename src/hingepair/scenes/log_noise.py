@@ -18,7 +18,7 @@ from hingepair.plans.steps import COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, 
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
-MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT: Final = 0.01
+MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT: Final = 0.01
 """Ratio of the noise of a joint's torque or force to its root mean square above which a note recommends smoothing."""
 
 

@@ -102,7 +102,7 @@ _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_MIN_DERIVATIVE_NOISE_TO_RMS_FOR_SMOOTHING_HINT: Final = 0.1
+_MIN_DERIVATIVE_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT: Final = 0.1
 """Ratio of the noise of a derivative to its root mean square above which a note recommends smoothing."""
 
 
@@ -358,7 +358,7 @@ class Log(NamedSource):
         noisy = {
             name: share
             for name, share in self.noise_shares.items()
-            if share > _MIN_DERIVATIVE_NOISE_TO_RMS_FOR_SMOOTHING_HINT
+            if share > _MIN_DERIVATIVE_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT
         }
         if not noisy:
             return ""

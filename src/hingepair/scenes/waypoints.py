@@ -26,7 +26,7 @@ WAY_POINT_PROFILE_NAMES: Final = ("linear", "trapezoid", "cubic", "quintic", "sp
 """Names of the curves from one waypoint to the next."""
 MAX_WAY_POINTS: Final = 200
 """Largest number of waypoints of one coordinate."""
-_UNIT_POLYNOMIAL_COEFFS_BY_PROFILE: Final = {
+_UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME: Final = {
     "linear": (0, 1),
     "cubic": (0, 0, 3, -2),
     "quintic": (0, 0, 0, 10, -15, 6),
@@ -122,7 +122,7 @@ def interpolate_way_points(
     pieces = (
         _spline_coefficients(t, values)
         if profile == "spline"
-        else _profile_coefficients(t, values, _UNIT_POLYNOMIAL_COEFFS_BY_PROFILE[profile])
+        else _profile_coefficients(t, values, _UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME[profile])
     )
     way_points = _with_constant_end(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):

@@ -31,7 +31,7 @@ SLIDER_JOINT_TYPES = ("prismatic",)
 # A number as URDF writes it.
 _URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-SIZE_ATTRIBUTE_DEFAULTS_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+DEFAULT_BY_SIZE_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
@@ -41,7 +41,7 @@ _INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
-_QUARTER_TURN_SINES_AND_COSINES = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+_SINE_AND_COSINE_BY_QUARTER_TURN_COUNT = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
 
 class Visual(NamedTuple):
@@ -116,7 +116,7 @@ class LinkRecord:
             pose = _pose(element.find("origin"), label, self.snap)
             groups = [
                 _numbers(shape, key, f"{label}, {kind}", zero)
-                for key, zero in SIZE_ATTRIBUTE_DEFAULTS_BY_SHAPE_KIND.get(kind, {}).items()
+                for key, zero in DEFAULT_BY_SIZE_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
             ]
             shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
         return shapes
@@ -353,7 +353,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     turns = round(angle / (math.pi / 2))
     near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
     return (
-        _QUARTER_TURN_SINES_AND_COSINES[turns % 4]
+        _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT[turns % 4]
         if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURN_COUNT
         else (math.sin(angle), math.cos(angle))
     )

@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
 from hingepair.scenes.log_noise import (
-    MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT,
+    MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
     LogNoise,
     finite_rms,
     noise_rows,
@@ -160,7 +160,7 @@ class JointLogNoise(NamedTuple):
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
         note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-        if (noise > MIN_JOINT_EFFORT_NOISE_TO_RMS_FOR_SMOOTHING_HINT * finite_rms(tau)).any():
+        if (noise > MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT * finite_rms(tau)).any():
             note += "; hp.smooth(t, q) finds the rates of a noisy column"
         return noise, note
 
