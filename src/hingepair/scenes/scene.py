@@ -65,8 +65,8 @@ COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneResult(Frozen, Result):
-    """Results of a pair's scene at its instants: `t`, the `state`, every attribute of the state (R2, S2, d, v2,
-    ...), and the coordinates.
+    """Results of a pair's scene: its instants `t`, the `state` (a PairState or PlanarState), every attribute of the
+    state (R2, S2, d, v2, ...), and the coordinates.
 
     q, qd and qdd have shape (samples, 7), in the plane (samples, 4); psi, psid and psidd have shape (samples,). If
     the attitude of body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and

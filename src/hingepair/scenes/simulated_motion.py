@@ -79,8 +79,8 @@ def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
 
 
 def _read_hinge_torque(table: Table, key: str) -> Any:
-    """Return the torque under a key of a Table: a float, or, for an expression, a callable of (t, psi, psid). It acts
-    about the hinge or in the plane. Raise a SceneError for any other value.
+    """Return the torque under a key of a Table, about the hinge axis or in the plane: a float, or, for an expression,
+    a callable of (t, psi, psid). Raise a SceneError for any other value.
     """
     torque = _read_hinge_functions(table, (key,))
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]

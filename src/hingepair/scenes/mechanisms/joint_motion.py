@@ -90,8 +90,9 @@ class KnownJointMotion:
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
     def arguments(self) -> tuple[Any, ...]:
-        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: each of them a dict of arrays by joint name, in
-        which a float is a constant. A robot without joints has arrays of shape (count, 0) instead.
+        """Return (q[, qd[, qdd]]) as methods of Mechanism take them. Each is a dict by joint name, with an array for
+        each joint or a float for a joint that does not move. For a robot without joints, each is an array of shape
+        (count, 0).
         """
         if not self.names:
             return tuple(np.zeros((self.count, 0)) for _ in self.derivatives)
