@@ -52,12 +52,12 @@ _PAIR_SCENE_TOP_LEVEL_KEYS = ("title", "planar", "pair", "motion", "dynamics", "
 """Keys and tables that the file of a scene of a pair may have."""
 _MECHANISM_SCENE_TOP_LEVEL_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
-COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
+COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
 _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
 COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (
-    *COORDINATE_OUTPUT_NAMES,
+    *COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
     *_ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME,
 )
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
@@ -254,7 +254,9 @@ class Scene(SampledScene):
         derivatives of order `level` at most.
         """
         names = (
-            COORDINATE_AND_QUATERNION_OUTPUT_NAMES if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUT_NAMES
+            COORDINATE_AND_QUATERNION_OUTPUT_NAMES
+            if self.kind == SPATIAL_MOTION_KIND
+            else COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
         )
         return tuple(name for name in names if _output_level(name) <= level)
 
@@ -524,7 +526,7 @@ class Scene(SampledScene):
         equation_outputs = (
             _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME.get(name, name)
             for name in names
-            if name not in COORDINATE_OUTPUT_NAMES
+            if name not in COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
         )
         return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
 

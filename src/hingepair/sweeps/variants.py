@@ -20,8 +20,8 @@ from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_pay
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import (
+    COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
     COORDINATE_AND_QUATERNION_OUTPUT_NAMES,
-    COORDINATE_OUTPUT_NAMES,
     Scene,
     scene_from_tables,
     with_constants_evaluated,
@@ -123,7 +123,11 @@ class VariantComputer:
         if self._motion_unaffected and isinstance(self._scene, Scene):
             motion = self._scene.motion
             coordinates, sequence = motion.source, self._scene.sequence
-            if sequence is not None and self._outputs and not {*COORDINATE_OUTPUT_NAMES[:3]} & {*self._outputs}:
+            if (
+                sequence is not None
+                and self._outputs
+                and not {*COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES[:3]} & {*self._outputs}
+            ):
                 coordinates = coordinates.part(slice(None), motion.level).in_space(self._scene.pair)
                 sequence = None
             self._scene = replace(
