@@ -135,9 +135,9 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError if it is a single string or not an
-    iterable, or if a name is not u1, u2, n (if the pair has an axis n) or one of `constants`, the names of the
-    scene's constants.
+    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError if the argument is a single string
+    or not an iterable, or if a name is not u1, u2, n (if the pair has an axis n) or one of `constants`, the names of
+    the scene's constants.
     """
     allowed_names = (*(key for key in ALLOWED_SYMBOLIC_CONSTANT_NAMES if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"

@@ -80,9 +80,9 @@ class ScenePlan:
 def explain(
     pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
-    """Return the ScenePlan for outputs of a pair's motion, without computing them. `motion` is a KnownMotion with the
-    derivatives that they need. `outputs` are names that exist for the pair; None means all outputs of body 2.
-    `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
+    """Return the ScenePlan for outputs of a pair's motion, without computing the outputs. `motion` is a KnownMotion
+    with the derivatives that the outputs need. `outputs` are names that exist for the pair; None means all outputs of
+    body 2. `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
     """
     kind = PLANAR_MOTION_KIND if isinstance(pair, PlanarPair) else SPATIAL_MOTION_KIND
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()

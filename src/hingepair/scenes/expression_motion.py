@@ -71,8 +71,8 @@ class FunctionsOfTime:
         ]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return an array of booleans, shape (N - 1,): for each interval between neighbouring instants t, shape (N,),
-        whether a function has a kink or a jump in it.
+        """Return an array of booleans, shape (N - 1,), which says for each interval between neighbouring instants t,
+        shape (N,), whether a function has a kink or a jump in the interval.
         """
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
@@ -145,8 +145,8 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
 def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
-    """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and their Euler
-    sequence; it is None if `names` contains phi, the angle of a motion in the plane. Raise a SceneError for bad
+    """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and the Euler
+    sequence, which is None if `names` contains phi, the angle of a motion in the plane. Raise a SceneError for bad
     values, and for keys other than `names`, `constants`, `sequence` (in space) and `other_keys`.
     """
     planar = "phi" in names

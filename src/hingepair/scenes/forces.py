@@ -110,8 +110,8 @@ def _required_forces(
 ) -> dict[str, NDArray[Any]]:
     """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes.
     `body1_motion` is a MotionByBody1 with accelerations, `gravity` a vector of three floats. hinge_torque has shape
-    (N,); bearing_torque, hinge_force, force1 and torque1 have shape (N, 3); the last two are left out if body 1 has
-    no mass properties. Raise an ArgumentError if body 2 has none.
+    (N,), and bearing_torque, hinge_force, force1 and torque1 have shape (N, 3). force1 and torque1 are left out if
+    body 1 has no mass properties. Raise an ArgumentError if body 2 has no mass properties.
     """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
@@ -182,9 +182,9 @@ def _force_noise(
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
     """Return (deviations, note): the standard deviation that noise of the log causes in each force, a dict of arrays
-    by name, and a sentence on that noise. It is found by adding random noise of the estimated size to `motion`, a
-    KnownMotion of the pair with accelerations, and comparing its forces under `gravity` with `force_arrays`.
-    `derived_names` are the rates found by finite differences.
+    by name, and a sentence on that noise. Random noise of the estimated size is added to `motion`, a KnownMotion of
+    the pair with accelerations, and the forces of the noisy motion under `gravity` are compared with `force_arrays`.
+    `derived_names` are the names of the rates found by finite differences.
     """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ACCURACY_ORDER)

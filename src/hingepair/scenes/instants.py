@@ -65,8 +65,8 @@ Instants: TypeAlias = UniformInstants | Float64Array
 
 
 class SampledScene(Shown, abc.ABC):
-    """Abstract base of Scene and MechanismScene. It has the instants of a scene, selects some of them, in blocks or
-    evenly spread, and knows the units of outputs.
+    """Abstract base of Scene and MechanismScene. It has the instants of a scene, selects blocks of instants or evenly
+    spread ones, and knows the units of outputs.
     """
 
     __slots__ = ()
@@ -166,8 +166,8 @@ def read_instants_array(time: Table) -> Float64Array:
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Return the number of samples under a key of [time] as an int. Raise a SceneError unless it is an integer from 1
-    to MAX_SCENE_SAMPLES; a float without a fraction, such as 1e6, counts as an integer.
+    """Return the number of samples under a key of [time] as an int. Raise a SceneError unless the value is an integer
+    from 1 to MAX_SCENE_SAMPLES; a float without a fraction, such as 1e6, counts as an integer.
     """
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():

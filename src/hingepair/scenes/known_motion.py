@@ -76,13 +76,13 @@ class MotionByCoordinates:
         return self._column(order, -1)
 
     def coordinates(self) -> dict[str, Float64Array]:
-        """Return the coordinates as a dict of arrays by name, shape (count,) each; they are recorded beside the
+        """Return the coordinates as a dict of arrays by name, shape (count,) each. Results record them beside the
         requested outputs.
         """
         return self.log_columns(0)
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return the coordinates (`order` 0) or their known derivatives of that order as a dict of arrays, shape
+        """Return the coordinates (`order` 0) or their known derivatives of the given order as a dict of arrays, shape
         (count,) each, by the column names of a log.
         """
         names = tuple(COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[self._names].values())[order]
@@ -103,8 +103,8 @@ class MotionByCoordinates:
         self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
     ) -> PairState | PlanarState:
         """Compute outputs of a pair along the motion; return a PairState, in the plane a PlanarState. `outputs` are
-        their names; None means all outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy"
-        or "compiled".
+        names of outputs, or None for all outputs of body 2 that the known derivatives allow. `backend` is "auto",
+        "numpy" or "compiled".
         """
         state: PairState | PlanarState = pair.forward_kinematics(
             *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
@@ -112,7 +112,9 @@ class MotionByCoordinates:
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation. Raise a
+        MissingDependencyError if Pinocchio is not installed.
+        """
         from hingepair.validation.cross_validate import cross_validate
 
         report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
@@ -149,7 +151,7 @@ class MotionByCoordinates:
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 of a pair as a dict of arrays in space; those of a planar pair lie in the plane z =
+        """Return R1, S1, R2, S2 of a pair as a dict of arrays in space. For a planar pair, they lie in the plane z =
         0. If first derivatives are known, add omega1, omega2, psid and W1, the size [rad/s] relative to which errors
         of omega1 are measured.
         """
@@ -219,7 +221,7 @@ class MotionByBody1:
         return self.hinge[order]
 
     def coordinates(self) -> dict[str, Float64Array]:
-        """Return the hinge angle as a dict with the key psi, shape (count,); it is recorded beside the requested
+        """Return the hinge angle as a dict with the key psi, shape (count,). Results record it beside the requested
         outputs.
         """
         return {"psi": self.hinge[0]}
@@ -253,8 +255,8 @@ class MotionByBody1:
         return MotionByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """Compute outputs of a pair along the motion; return a PairState. `outputs` are their names; None means all
-        outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy" or "compiled".
+        """Compute outputs of a pair along the motion; return a PairState. `outputs` are names of outputs, or None for
+        all outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy" or "compiled".
         """
         state: PairState = pair.forward_kinematics_from_body1(
             self.body1, *self.hinge, outputs=outputs, backend=backend
@@ -262,7 +264,9 @@ class MotionByBody1:
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation. Raise a
+        MissingDependencyError if Pinocchio is not installed.
+        """
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)

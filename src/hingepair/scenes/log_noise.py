@@ -72,8 +72,8 @@ class LogNoise:
 
     def column_with_noise_added(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
         """Return a coordinate and its first and second derivative with random noise added, a list of arrays (N,).
-        `values` are the three arrays and `names` their names. The size of the noise is estimated from them and stored
-        in the attribute `sizes`.
+        `values` are the three arrays and `names` their names. The size of the noise is estimated from `values` and
+        stored in the attribute `sizes`.
         """
         noise = self._draw_noise(names, [column[:, None] for column in values])
         return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
@@ -113,10 +113,10 @@ class LogNoise:
         return MotionByBody1(BodyMotion(**moved), angles)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are their
-        samples, from which the size is estimated, and `names` their names; the noise of rotation matrices S1 is
-        rotation vectors. A derivative found by finite differences gets the differences of the noise. Store the sizes
-        in the attribute `sizes`.
+        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are the
+        samples of all three, from which the size is estimated, and `names` their names. The noise of rotation
+        matrices S1 is given as rotation vectors. A derivative found by finite differences gets the differences of the
+        noise. Store the sizes in the attribute `sizes`.
         """
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []

@@ -61,9 +61,9 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, `angle_names` are the
+    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, and `angle_names` has the
     arrays and columns that hold angles. `result_prefixes` are the beginnings of names of results, which a log must
-    not have; `writing_hint`, for messages, says which command writes such a log.
+    not have. `writing_hint`, a clause for messages, says which command writes such a log.
 
     Attributes:
         arrays: names of the columns of each array, by the name of the array.
@@ -142,8 +142,8 @@ def log_path(table: Table, folder: Path) -> Path:
 
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
-    """Return the frozenset of the column names under the key `ignore` of the Table [motion], which are not read; it
-    is empty without the key. Raise a SceneError unless the value is a list of texts.
+    """Return the frozenset of the column names under the key `ignore` of the Table [motion]. Columns of these names
+    are not read. Without the key, the set is empty. Raise a SceneError unless the value is a list of texts.
     """
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -153,8 +153,8 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 def _velocity_frame(table: Table, log: Log) -> str:
     """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table names them.
-    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or the reverse; if both are
-    absent, return the default.
+    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or if the table has the key
+    and the log has no angular velocities. If both are absent, return the default.
     """
     rates = [
         column
@@ -243,10 +243,10 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives as a dict of arrays by name; `names` are the names of the quantity
-        and of its derivatives, by order. The dict is empty if the log lacks the quantity and `required` is False;
-        otherwise its absence raises a SceneError. If the attribute `completed` is True, compute missing derivatives
-        by finite differences and record them in the attributes `derived` and `noise_shares`.
+        """Return a quantity and its derivatives as a dict of arrays by name. `names` are the names of the quantity
+        and of its derivatives, by order. If the log lacks the quantity, return an empty dict, or raise a SceneError
+        if `required` is True. If the attribute `completed` is True, compute missing derivatives by finite differences
+        and record them in the attributes `derived` and `noise_shares`.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
         angles and attitudes.
@@ -269,7 +269,8 @@ class Log(NamedSource):
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
         """Return the columns that form the array `array_name`, shape (N, k); None if the log has none of them and
-        `required` is False. Raise a SceneError if it lacks some of them, or all and `required` is True.
+        `required` is False. Raise a SceneError if the log lacks some of the columns, or if it lacks all and
+        `required` is True.
         """
         column_names = self.layout.columns_of(array_name)
         present_names = [column for column in column_names if column in self.columns]
@@ -329,9 +330,9 @@ class Log(NamedSource):
         return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return the angles [rad] of the column `name`, with jumps by whole turns removed if the attribute `unwrap`
-        is True, or if it is None and they look wrapped. Append a sentence to the attribute `notes` if it is None and
-        there are jumps.
+        """Return the angles [rad] of the column `name`. Remove jumps by whole turns if the attribute `unwrap` is
+        True, or if `unwrap` is None and the angles look wrapped. Append a sentence to the attribute `notes` if
+        `unwrap` is None and there are jumps.
         """
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
@@ -564,9 +565,9 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has. `arrays_by_quantity` maps the
-    names of a quantity and its derivatives to a dict of their arrays. Raise a SceneError if a quantity lacks a
-    derivative of that order or a lower one.
+    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has. `arrays_by_quantity` maps a
+    tuple of the names of a quantity and its derivatives to a dict of their arrays. Raise a SceneError if a quantity
+    lacks a derivative of that order or a lower one.
     """
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():

@@ -357,8 +357,8 @@ class Scene(SampledScene):
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
         """Return the SceneResult of the outputs `names` at the instants with the indices `rows`, a slice or an array;
-        `names` None means all outputs of body 2. Its attribute `known`, the motion, has derivatives at least up to
-        `min_order`.
+        `names` None means all outputs of body 2. The motion in the result, `known`, has derivatives up to `min_order`
+        or higher.
         """
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
@@ -497,8 +497,8 @@ class Scene(SampledScene):
         return SceneNoteCollector(self)
 
     def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the output names as a tuple. For None return the default outputs of the scene, which may be None
-        too. Raise an ArgumentError for an output that does not exist or that the motion does not allow.
+        """Return the output names as a tuple. For None, return the default outputs of the scene, a tuple or None.
+        Raise an ArgumentError for an output that does not exist or that the motion does not allow.
         """
         if outputs is None:
             return self.outputs
@@ -517,9 +517,9 @@ class Scene(SampledScene):
         return names
 
     def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return (outputs, order) for the requested `names`: the outputs of the equations that they need, a tuple of
-        names or None for all outputs of body 2, and the highest derivative order that they need. `names` None needs
-        all.
+        """Return (outputs, order) for the requested output names. `outputs` are the names of the outputs of the
+        equations that are needed, a tuple, or None for all outputs of body 2; `order` is the highest derivative order
+        that is needed. For `names` None, return (None, the highest order of the motion).
         """
         if names is None:
             return None, self.motion.level
@@ -697,7 +697,7 @@ def with_constants_evaluated(tables: Table) -> Table:
 
 
 def _is_of_mechanism(tables: Table) -> bool:
-    """Return whether a scene file, of which `tables` is the top-level Table, describes a mechanism: it has a table
+    """Return whether a scene file, of which `tables` is the top-level Table, describes a mechanism by a table
     [mechanism] or [[joint]].
     """
     return not tables.values.keys().isdisjoint({"mechanism", "joint"})

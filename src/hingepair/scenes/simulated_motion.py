@@ -250,9 +250,9 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
-    """Return the motion of body 1 at the first instant as a BodyMotion in space. `start_values` are the values of
-    [dynamics] by key, such as R1_0; missing ones mean rest at the origin. If `planar` is True, the keys are those of
-    a pair in the plane, such as phi_0. Raise a SceneError that names `table` for a bad attitude.
+    """Return the motion of body 1 at the first instant as a BodyMotion in space. `start_values` is a dict of the
+    values of [dynamics] by key, such as R1_0; missing values mean rest at the origin. If `planar` is True, the keys
+    are those of a pair in the plane, such as phi_0. Raise a SceneError that names `table` for a bad attitude.
     """
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:

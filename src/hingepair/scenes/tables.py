@@ -58,8 +58,8 @@ class NamedSource:
     @contextlib.contextmanager
     def naming(self, key: str = "", **key_by_argument: str) -> Iterator[None]:
         """Return a context manager that converts an ArgumentError raised in its block into a SceneError with the
-        file, the table and a key. The key is that given for the error's argument as a keyword argument, otherwise
-        `key`, otherwise the name of the argument.
+        file, the table and a key. Keyword arguments give the key by the name of the error's argument. If they have
+        none for the argument, the key is `key`, or the name of the argument if `key` is empty.
         """
         try:
             yield
@@ -89,8 +89,9 @@ class Table(NamedSource):
     constants: Mapping[str, Any]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`,
-        each returned by its reader, a function of (table, key). Raise a SceneError for any other key of the table.
+        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`.
+        Each value is the result of the key's reader, a function of (table, key). Raise a SceneError for any other key
+        of the table.
         """
         self.check_keys(reader_by_key)
         return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
@@ -117,8 +118,9 @@ class Table(NamedSource):
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, variables: str) -> Table:
-        """Return the list under a key as a Table with the keys key[0], key[1], .... Raise a SceneError unless its
-        length is `count`, 2 or 3. `variables` names the variables of its expressions for the message.
+        """Return the list under a key as a Table with the keys key[0], key[1], .... Raise a SceneError unless the
+        list has the length `count`, 2 or 3. `variables` is a text for the message that lists the variables of the
+        expressions.
         """
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
@@ -257,8 +259,9 @@ class Table(NamedSource):
             self.fail(key, "a finite number")
 
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return a text without t, parsed as a SymPy expression. The constants named in `symbolic_constants` stay
-        symbols, others become numbers. Raise a SceneError that names `key` if it cannot be parsed.
+        """Return a text without t, parsed as a SymPy expression. The constants named in `symbolic_constants`
+        stay symbols, and other constants become numbers. Raise a SceneError that names `key` if the text cannot
+        be parsed.
         """
         from hingepair.symbolic.expressions import parse_constant
 

@@ -37,7 +37,7 @@ _UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME: Final = {
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
     """Piecewise polynomial function of time through way points, with the `breaks` between polynomials and their
-    `coefficients`. It is constant before the first and after the last break.
+    `coefficients`. The function is constant before the first and after the last break.
 
     Attributes:
         breaks: where one polynomial ends and the next begins; shape (m,) s.
@@ -60,8 +60,8 @@ class WayPoints:
         return derivatives[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in derivatives[1:])
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return an array of booleans, shape (N - 1,): for each interval between neighbouring instants t, shape (N,),
-        whether it contains a break where the first or second derivative jumps.
+        """Return an array of booleans, shape (N - 1,), which says for each interval between neighbouring instants t,
+        shape (N,), whether the interval contains a break where the first or second derivative jumps.
         """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         places = np.searchsorted(t, self.breaks, side="left") - 1

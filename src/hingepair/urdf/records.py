@@ -102,8 +102,8 @@ class LinkRecord:
         return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.snap))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return the shapes of the link as a list of Visual records: those that draw it (tag "visual"), or those that
-        it collides with (tag "collision"). Raise a URDFError for an entry that is not a finite number.
+        """Return the shapes of the link as a list of Visual records. The shapes draw the link (`tag` "visual"), or
+        are its shapes for collisions (`tag` "collision"). Raise a URDFError for an entry that is not a finite number.
 
         Raises:
             URDFError: an origin or a size is no finite number.
