@@ -182,7 +182,7 @@ def bench_dynamics(
 ) -> None:
     """Measure dynamics and simulations of a pair.
 
-    Inverse and forward dynamics are measured beside Pinocchio and MuJoCo, simulations beside SciPy's solvers.
+    Inverse and forward dynamics are compared with Pinocchio and MuJoCo, simulations with SciPy's solvers.
     """
     from hingepair.bench import dynamics as bench
 

@@ -167,7 +167,7 @@ def forces_command(
     effect of noise.
 
     For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
-    rate beside their limits; for a log also the standard deviation of each effort that the noise of the log causes.
+    rate with their limits; for a log also the standard deviation of each effort that the noise of the log causes.
     force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
     """
     if out is not None:

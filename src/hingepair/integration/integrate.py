@@ -543,7 +543,7 @@ def _integrate_lazily(
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
         check_pair(pair)
-    check_single_pair(pair, " beside Dask arrays")
+    check_single_pair(pair, " if the arguments are Dask arrays")
     execution_of(other_arguments["backend"], 1)
     R1, point, vector = motion_arguments["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
     tails: dict[str, Any] = {

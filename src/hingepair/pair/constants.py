@@ -166,7 +166,7 @@ def check_single_pair(pair: Any, where: str = "") -> None:
 
     Args:
         pair: a HingePair or a PlanarPair.
-        where: text that follows "one pair" in the message, such as " beside Dask arrays".
+        where: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
 
     Raises:
         ShapeError: u1, u2, n or home have leading axes.

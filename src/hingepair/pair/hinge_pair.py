@@ -155,7 +155,7 @@ class HingePair(Shown):
         """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
         are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
         """
-        check_single_pair(self, " beside Dask arrays")
+        check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_DASK_ARGUMENT, kinematics.spatial_columns)
 
     def forward_kinematics(

@@ -113,7 +113,7 @@ class PlanarPair(Shown):
         """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
         are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
         """
-        check_single_pair(self, " beside Dask arrays")
+        check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT, kinematics.planar_columns)
 
     def forward_kinematics(

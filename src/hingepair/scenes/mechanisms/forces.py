@@ -1,4 +1,4 @@
-"""The forces that the motion of a mechanism takes (T1-T3): motors' beside their limits, and the base's reaction."""
+"""The forces that the motion of a mechanism requires (T1-T3): motor torques with their limits, and base reaction."""
 
 from __future__ import annotations
 
