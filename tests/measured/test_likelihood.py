@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.hinge import GAUGE_NAMES, Hinge, frame, home_of, result_derivatives, sign_of
+from hingepair.measured.hinge import HINGE_POINT_GAUGE_NAMES, Hinge, frame, home_of, result_derivatives, sign_of
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVE_FUNCTION_BY_NAME,
+    LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME,
     Noise,
     SampleResiduals,
     evaluate_hinge,
@@ -74,7 +74,7 @@ OPPOSITE = Hinge(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.
 
 
 @pytest.mark.parametrize("true", [TRUE, OPPOSITE], ids=["short way", "nearly opposite axes"])
-@pytest.mark.parametrize("gauge", GAUGE_NAMES)
+@pytest.mark.parametrize("gauge", HINGE_POINT_GAUGE_NAMES)
 def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: Hinge) -> None:
     hinge = true.in_gauge(gauge)
     columns = []
@@ -184,10 +184,10 @@ def scipy_loss(name: str, z: float) -> float:
     return 2 * float(least_squares(lambda x: np.sqrt([z]) + 0 * x, [0.0], loss=name).cost)
 
 
-@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVE_FUNCTION_BY_NAME if name != "linear"])
+@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME if name != "linear"])
 def test_losses_are_those_of_scipy(name: str) -> None:
     """First and second derivative, against differences of order 4 of rho."""
-    loss = LOSS_DERIVATIVE_FUNCTION_BY_NAME[name]
+    loss = LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[name]
     assert loss is not None
     assert loss(np.array([0.0]))[0][0] == 1.0
     for z in (0.05, 0.3, 0.9, 1.1, 2.5, 10.0, 80.0):

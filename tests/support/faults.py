@@ -1054,8 +1054,8 @@ FAULTS = {
     ),
     "noise in the rates taken for a sign of the clock offset": Fault(
         "measured/likelihood.py",
-        "MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0",
-        "MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 0.0",
+        "MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET = 10.0",
+        "MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET = 0.0",
         "measured/test_clock.py::test_a_body_1_that_stands_still_does_not_determine_the_offset",
     ),
     "home turns the long way in the covariance": Fault(
@@ -1084,7 +1084,7 @@ FAULTS = {
     ),
     "psi = 0 where noise puts it": Fault(
         "measured/hinge.py",
-        "if hinge.n @ hinge.m > _MIN_AXES_COSINE_FOR_SHORTEST_TURN",
+        "if hinge.n @ hinge.m > _MIN_COSINE_OF_HINGE_AXES_FOR_SHORTEST_TURN",
         "if hinge.n @ hinge.m > -2",
         "measured/test_fit.py::test_psi_is_0_at_one_place_where_the_axes_are_opposite[(0, 1, 0)]",
     ),

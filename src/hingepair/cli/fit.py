@@ -21,9 +21,9 @@ from hingepair.cli.output import (
 )
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import GAUGE_NAMES, SIGN_AND_HOME_RULES_TEXT
+from hingepair.measured.hinge import HINGE_POINT_GAUGE_NAMES, SIGN_AND_HOME_RULES_TEXT
 from hingepair.measured.hinge_fit import HingeFit, fit
-from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME
+from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
@@ -39,13 +39,14 @@ def fit_command(
     loss: Annotated[
         str,
         typer.Option(
-            help=f"Loss function: {', '.join(LOSS_DERIVATIVE_FUNCTION_BY_NAME)}. "
+            help=f"Loss function: {', '.join(LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)}. "
             "Choose cauchy if there may be outliers."
         ),
     ] = "linear",
     gauge: Annotated[
-        str, typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(GAUGE_NAMES)}.")
-    ] = GAUGE_NAMES[0],
+        str,
+        typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(HINGE_POINT_GAUGE_NAMES)}."),
+    ] = HINGE_POINT_GAUGE_NAMES[0],
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,

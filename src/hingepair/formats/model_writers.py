@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE,
+    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -47,13 +47,13 @@ BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 _ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 # Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
 _DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
-_TRIANGLE_INEQUALITY_MARGIN_TO_LARGEST_MOMENT = 2.0**-46
+_INERTIA_TRIANGLE_MARGIN_TO_LARGEST_PRINCIPAL_MOMENT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
 """
 # Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
-_MJCF_COMPILER_ATTRIBUTES = {
+_TEXT_BY_MJCF_COMPILER_ATTRIBUTE_NAME = {
     "angle": "radian",
     "autolimits": "true",
     "inertiafromgeom": "false",
@@ -211,7 +211,7 @@ def to_mjcf(
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
     part1, part2 = _pair_parts(pair)
     root = ET.Element("mujoco", {"model": pair.name})
-    add_element(root, "compiler", **_MJCF_COMPILER_ATTRIBUTES)
+    add_element(root, "compiler", **_TEXT_BY_MJCF_COMPILER_ATTRIBUTE_NAME)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
     pose: dict[str, Any] = {}
     if body1 is not None:
@@ -354,7 +354,7 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
     given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _TRIANGLE_INEQUALITY_MARGIN_TO_LARGEST_MOMENT * largest + largest - sum(smaller)
+    lift = _INERTIA_TRIANGLE_MARGIN_TO_LARGEST_PRINCIPAL_MOMENT * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 
@@ -384,7 +384,8 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
         return {}
     range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
     return range_ | {
-        key: DEFAULT_URDF_LIMIT_BY_ATTRIBUTE[key] if value is None else value for key, value in pair_limits.items()
+        key: DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[key] if value is None else value
+        for key, value in pair_limits.items()
     }
 
 

@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE,
+    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -136,7 +136,7 @@ class _UrdfWriter:
         upper_limits = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
         if kind != "continuous" or np.isfinite(list(upper_limits.values())).any():
             limit = {
-                key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE[key]
+                key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[key]
                 for key, value in upper_limits.items()
             }
             if bounded:  # an infinite one of the two is the largest number

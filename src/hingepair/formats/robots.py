@@ -19,7 +19,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
-ROBOT_PACKAGE_NAME = "example-robot-data"  # the distribution that holds the robots' URDF files
+ROBOT_DATA_DISTRIBUTION_NAME = "example-robot-data"  # the distribution that holds the robots' URDF files
 
 
 def load_robot(
@@ -128,7 +128,7 @@ def _expected_robot_text(robot: str) -> str:
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
     near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
     hint = f", such as {', '.join(near[:5])}" if near else " (hingepair robots lists them)"
-    return f"one of the {len(names)} robots of {ROBOT_PACKAGE_NAME}{hint}"
+    return f"one of the {len(names)} robots of {ROBOT_DATA_DISTRIBUTION_NAME}{hint}"
 
 
 def _stem(name: str) -> str:
@@ -146,10 +146,10 @@ def _urdf_paths() -> Mapping[str, Path]:
     import importlib.metadata
 
     try:
-        distribution = importlib.metadata.distribution(ROBOT_PACKAGE_NAME)
+        distribution = importlib.metadata.distribution(ROBOT_DATA_DISTRIBUTION_NAME)
     except importlib.metadata.PackageNotFoundError:
         raise MissingDependencyError(
-            "robot", f"the package {ROBOT_PACKAGE_NAME} (pip install 'hingepair[robots]')", "none installed"
+            "robot", f"the package {ROBOT_DATA_DISTRIBUTION_NAME} (pip install 'hingepair[robots]')", "none installed"
         ) from None
     paths: dict[str, Path] = {}
     for file in distribution.files or ():
@@ -158,5 +158,7 @@ def _urdf_paths() -> Mapping[str, Path]:
         inside = PurePosixPath(*file.parts[file.parts.index("robots") + 1 :])
         paths[f"{inside.parts[0]}/{inside.stem}"] = Path(str(distribution.locate_file(file)))
     if not paths:
-        raise MissingDependencyError("robot", f"{ROBOT_PACKAGE_NAME} with its robots", "none of its files listed")
+        raise MissingDependencyError(
+            "robot", f"{ROBOT_DATA_DISTRIBUTION_NAME} with its robots", "none of its files listed"
+        )
     return MappingProxyType(paths)

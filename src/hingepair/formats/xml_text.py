@@ -11,7 +11,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
 
-DEFAULT_URDF_LIMIT_BY_ATTRIBUTE = {"effort": 1000.0, "velocity": 100.0}
+DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME = {"effort": 1000.0, "velocity": 100.0}
 """Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
 
 # Compiled when used, which takes milliseconds.

@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 from hingepair.errors import FitError
 from hingepair.measured.findings import (
     MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
-    MAX_RELIABLE_AXIS_STD,
-    MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH,
+    MAX_RELIABLE_HINGE_AXIS_STD_IN_RADIANS,
+    MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
     MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL,
     Finding,
 )
 from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import (
     CHI2_MEDIAN_BY_DOF,
-    MAX_STD_OF_DETERMINED_CLOCK_OFFSET,
-    MAX_THINNED_SAMPLES_FOR_FIRST_STEPS,
-    MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE,
+    MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS,
+    MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS,
+    MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET,
     Loss,
     PosesAt,
     num_neighbours_to_sum_and_unresolved_lag,
@@ -37,17 +37,20 @@ from hingepair.numeric.arrays import Float64Array
 
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
-_MAX_CIRCLE_FIT_ITERATIONS = 60  # Gauss-Newton steps of a fit
+_MAX_GAUSS_NEWTON_STEPS_PER_CIRCLE_FIT_PASS = 60  # Gauss-Newton steps of a fit
 # Change as `Circle.relative_change` returns it, above which a Gauss-Newton step is shortened.
-_MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP = 0.3
-_MAX_CONVERGED_CIRCLE_STEP_IN_STDS = 1e-3  # in standard deviations of the parameters
-_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES = 5.99  # of squared distances, above which samples count less
-_MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES = 900.0  # above, samples have no weight
+_MAX_RELATIVE_CIRCLE_CHANGE_PER_GAUSS_NEWTON_STEP = 0.3
+_MAX_CONVERGED_CIRCLE_STEP_NORM_IN_PARAMETER_STDS = 1e-3  # in standard deviations of the parameters
+# Of squared distances, above which samples count less.
+_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_NOISE_VARIANCES = 5.99
+_MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_NOISE_VARIANCES = 900.0  # above, samples have no weight
 _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT = 3.0  # in the plane across the chord, to across the plane
-_MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS = 0.02  # of residuals that are not noise: a hinge is still reported below this
-_POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS = 1e-6  # of exact samples moved by `ClockedPoses`
-_MAX_CONVERGED_CLOCK_OFFSET_STEP = 1e-6  # of the clock offset [s]
-_CIRCLE_PARAMETER_DIFFERENCE_STEP = 1e-6  # [rad, m] of the central differences of the results
+# Of residuals that are not noise: a hinge is still reported below this.
+_MAX_HARMLESS_SYSTEMATIC_RESIDUAL_TO_CIRCLE_RADIUS = 0.02
+_POSITION_ERROR_OF_TIME_SHIFTED_SAMPLE_TO_CIRCLE_RADIUS = 1e-6  # of exact samples moved by `ClockedPoses`
+_MAX_CONVERGED_CLOCK_OFFSET_STEP_IN_SECONDS = 1e-6  # of the clock offset [s]
+# [rad, m] of the central differences of the results.
+_DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES = 1e-6
 
 
 class Circle(NamedTuple):
@@ -122,8 +125,10 @@ class CircleFit(NamedTuple):
         shown = self.normal[k, k] - self.normal[k, :k] @ across
         _, change = _residuals_and_derivatives(self.circle, noise_poses)
         noise = float(self.weights @ (change[:, :, k] ** 2).sum(axis=1))
-        certain = shown * MAX_STD_OF_DETERMINED_CLOCK_OFFSET**2 > self.noise**2
-        return self.has_converged and bool(shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * noise and certain)
+        certain = shown * MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS**2 > self.noise**2
+        return self.has_converged and bool(
+            shown > MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET * noise and certain
+        )
 
 
 def fit_circle(
@@ -146,23 +151,23 @@ def fit_circle(
     """
     every = poses.samples if poses_at is None else sys.maxsize
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
-    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_STEPS)
+    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS)
     circle = _circle_of_random_triples(some.p.T)
     variance, has_converged = np.inf, False
     for most in (
-        (MAX_THINNED_SAMPLES_FOR_FIRST_STEPS, every)
-        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_STEPS
+        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, every)
+        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS
         else (every,)
     ):
         some = poses_at(offset, most)
-        for _ in range(_MAX_CIRCLE_FIT_ITERATIONS):
+        for _ in range(_MAX_GAUSS_NEWTON_STEPS_PER_CIRCLE_FIT_PASS):
             residuals, change = _residuals_and_derivatives(circle, some)
             variance, weights = _variance_and_weights(residuals, some.weights, loss)
             normal = np.einsum("n,nij,nik->jk", weights, change, change)
             gradient = np.einsum("n,nij,ni->j", weights, change, residuals)
             step = -solve_semidefinite(normal, gradient)
             relative_change = circle.relative_change(step)
-            share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(relative_change, 1e-300))
+            share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_GAUSS_NEWTON_STEP / max(relative_change, 1e-300))
             circle = circle.moved(share * step)
             least = 1e-15
             if some.offset_derivatives is not None:
@@ -170,10 +175,13 @@ def fit_circle(
                 offset += share * delay
                 some = poses_at(offset, most)
                 least = (
-                    _POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP else 0.0
+                    _POSITION_ERROR_OF_TIME_SHIFTED_SAMPLE_TO_CIRCLE_RADIUS
+                    if abs(delay) < _MAX_CONVERGED_CLOCK_OFFSET_STEP_IN_SECONDS
+                    else 0.0
                 )
             has_converged = bool(
-                step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_IN_STDS**2 * variance or relative_change < least
+                step @ normal @ step <= _MAX_CONVERGED_CIRCLE_STEP_NORM_IN_PARAMETER_STDS**2 * variance
+                or relative_change < least
             )
             if has_converged:
                 break
@@ -188,7 +196,7 @@ def fit_circle(
     explained = (
         1e-12 * np.abs(some.p).max()
         if some.offset_derivatives is None
-        else _POSITION_ERROR_BY_TIME_SHIFT_TO_RADIUS * circle.radius
+        else _POSITION_ERROR_OF_TIME_SHIFTED_SAMPLE_TO_CIRCLE_RADIUS * circle.radius
     )
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
@@ -200,8 +208,8 @@ def fit_circle(
     circle_covariance = free * inverse @ (sums @ sums.T) @ inverse.T
     columns = [
         (_result_vector(circle.moved(x), gauge) - _result_vector(circle.moved(-x), gauge))
-        / (2 * _CIRCLE_PARAMETER_DIFFERENCE_STEP)
-        for x in _CIRCLE_PARAMETER_DIFFERENCE_STEP * np.eye(_NUM_CIRCLE_PARAMETERS)
+        / (2 * _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES)
+        for x in _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES * np.eye(_NUM_CIRCLE_PARAMETERS)
     ]
     derivatives = np.stack(columns, axis=-1)
     covariance = derivatives @ circle_covariance[:_NUM_CIRCLE_PARAMETERS, :_NUM_CIRCLE_PARAMETERS] @ derivatives.T
@@ -247,11 +255,13 @@ def circle_misfit(poses: RelativePoses) -> float:
         weights = 1 / (
             1
             + (distances * distances).sum(axis=1)
-            / (_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES * median_distance * median_distance)
+            / (_LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_NOISE_VARIANCES * median_distance * median_distance)
         )
         normal = np.einsum("n,nij,nik->jk", weights, derivatives, derivatives)
         step = -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, derivatives, distances))
-        share = min(1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_STEP / max(circle.relative_change(step), 1e-300))
+        share = min(
+            1.0, _MAX_RELATIVE_CIRCLE_CHANGE_PER_GAUSS_NEWTON_STEP / max(circle.relative_change(step), 1e-300)
+        )
         circle = circle.moved(share * step)
     distances, _ = _residuals_and_derivatives(circle, poses)
     return float(np.log(np.median((distances * distances).sum(axis=1)) + 1e-30 * poses.size**2))
@@ -269,9 +279,9 @@ def _variance_and_weights(
     variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2]
     sizes = sample_weights * squares / max(variance, 1e-300)
     return variance, np.where(
-        sizes > _MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_VARIANCES,
+        sizes > _MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_NOISE_VARIANCES,
         0.0,
-        sample_weights * loss(sizes / _LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_VARIANCES)[0],
+        sample_weights * loss(sizes / _LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_NOISE_VARIANCES)[0],
     )
 
 
@@ -368,22 +378,22 @@ def _circle_findings(
     ):
         if (
             correlation <= MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
-            or size <= max(1e-9, 0.25 * _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS) * circle.radius
+            or size <= max(1e-9, 0.25 * _MAX_HARMLESS_SYSTEMATIC_RESIDUAL_TO_CIRCLE_RADIUS) * circle.radius
         ):
             continue
-        if size >= _MAX_SYSTEMATIC_RESIDUAL_TO_RADIUS * circle.radius:
+        if size >= _MAX_HARMLESS_SYSTEMATIC_RESIDUAL_TO_CIRCLE_RADIUS * circle.radius:
             findings.append(Finding(no_circle.format(size), False))
         else:
             share = f"{100 * size / circle.radius:.2g} % of the radius, and not at random"
             findings.append(Finding(f"{play.format(size)}, {share}: the hinge is that of the mean circle.", True))
     std = np.sqrt(np.diagonal(covariance))
     worst, vague = float(np.sqrt((std[6:9] ** 2).sum() / 2)), float(std[:6].max())
-    if worst > MAX_RELIABLE_AXIS_STD:
+    if worst > MAX_RELIABLE_HINGE_AXIS_STD_IN_RADIANS:
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the point turn further."
         findings.append(Finding(text, False))
     levers = circle.levers(gauge)
     reach = max(float(np.linalg.norm(lever)) for lever in levers)
-    if vague > MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * reach:
+    if vague > MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH * reach:
         findings.append(
             Finding(f"The hinge point is known to {vague:.2g} m only: let the point turn further.", False)
         )

@@ -25,12 +25,12 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
 # Longest time over which a sample is moved along the smoothed motion.
-_MAX_SAMPLE_TIME_SHIFT_IN_MEDIAN_TIME_STEPS = 0.75
-_MAX_BRIDGED_GAP_DURATION = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
-_MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL = 256  # samples that offsets are tried with
-_OFFSET_SCAN_STEP_TO_TIME_SCALE = 0.1  # of body 2's motion
-_MAX_OFFSET_TRIALS_PER_SIDE = 60  # offsets that are tried, on either side of 0
-_MIN_MENTIONED_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
+_MAX_TIME_SHIFT_OF_BODY2_SAMPLE_IN_MEDIAN_TIME_STEPS = 0.75
+_MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
+_MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL = 256  # samples that offsets are tried with
+_CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE = 0.1  # of body 2's motion
+_MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO = 60  # offsets that are tried, on either side of 0
+_MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
 # By which a far offset must be better than the local optimum near 0.
 _MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_OFFSET = 0.5
 
@@ -49,7 +49,7 @@ class ClockedPoses:
         hidden = ~known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP_DURATION, loss)
+        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
         self._rate_noise = parts["R"].median_deviations[1], parts["S"].median_deviations[1]
@@ -58,7 +58,7 @@ class ClockedPoses:
     @staticmethod
     def has_enough_samples(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether body 2 has enough samples in a row to be smoothed."""
-        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_DURATION, MIN_SAMPLES_PER_SMOOTHED_PIECE))
+        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS, MIN_SAMPLES_PER_SMOOTHED_PIECE))
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time at a clock
@@ -78,7 +78,9 @@ class ClockedPoses:
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SAMPLE_TIME_SHIFT_IN_MEDIAN_TIME_STEPS * self._step)
+        movable = self._smooth[near] & (
+            np.abs(shift) <= _MAX_TIME_SHIFT_OF_BODY2_SAMPLE_IN_MEDIAN_TIME_STEPS * self._step
+        )
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 
@@ -148,7 +150,7 @@ class ClockedPoses:
         """Return a list with one sentence that states the clock offset. The list is empty if the size of the offset
         is below a twentieth of the median time step.
         """
-        if abs(offset) < _MIN_MENTIONED_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
+        if abs(offset) < _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
             return []
         order = "later" if offset > 0 else "earlier"
         return [
@@ -173,13 +175,13 @@ class ClockedPoses:
         span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s
         count = int(
             np.clip(
-                np.ceil(span / max(_OFFSET_SCAN_STEP_TO_TIME_SCALE * self.time_scale, self._step / 2)),
+                np.ceil(span / max(_CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE * self.time_scale, self._step / 2)),
                 2,
-                _MAX_OFFSET_TRIALS_PER_SIDE,
+                _MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO,
             )
         )
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_OFFSET_TRIAL) for offset in offsets]
+        trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL) for offset in offsets]
         costs = np.array(
             [np.inf if poses.samples < MIN_SAMPLES_PER_SMOOTHED_PIECE else misfit(poses) for poses in trials]
         )

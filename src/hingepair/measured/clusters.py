@@ -14,10 +14,10 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
 # Markers in a sample from which it has an attitude.
 _MIN_MARKERS_PER_SAMPLE = 3
-_MIN_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
+_MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
 # Of the fits with and without a marker, from which the marker is said to have moved.
 _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
-_ROUNDING_DISTANCE_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
+_ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -149,7 +149,7 @@ def _check_not_on_line(cluster: Float64Array) -> None:
     not be determined.
     """
     widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
-    if widths[1] <= _MIN_CLUSTER_WIDTH_TO_LENGTH * widths[0]:
+    if widths[1] <= _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH * widths[0]:
         raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
 
 
@@ -211,7 +211,10 @@ def _moved_marker_sentences(
     rms size of the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
-    if cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE or rms <= _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size:
+    if (
+        cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE
+        or rms <= _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size
+    ):
         return []
     noise_without = []
     for marker in range(cluster.shape[0]):
@@ -228,7 +231,7 @@ def _moved_marker_sentences(
     noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
     best = int(np.argmin(noise_without))
     if noise_with_all < _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER * max(
-        noise_without[best], _ROUNDING_DISTANCE_TO_CLUSTER_SIZE * cluster_size
+        noise_without[best], _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size
     ):
         return []
     suspects = [

@@ -21,25 +21,26 @@ from hingepair.rotations.matrices import (
     rotation_vector,
 )
 
-_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE = (
-    2048  # samples that tell whether the bodies turn, and what other joint they have
-)
+# Samples that tell whether the bodies turn, and what other joint they have.
+_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE = 2048
 _MAX_THINNED_SAMPLES_FOR_FINDINGS = 65536  # samples that findings are made of
 # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes.
-_MIN_TURNING_ATTITUDE_SCATTER = 0.05
-_MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS = 2.0  # of relative attitudes; counts where both scatters are small
+_MIN_ATTITUDE_SCATTER_OF_TURNING_BODIES_IN_RADIANS = 0.05
+# Of relative attitudes; counts where both scatters are small.
+_MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_PRINCIPAL_AXIS = 2.0
 MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS = 0.5  # of neighbouring samples; above, residuals are not noise
 # Of r^T C^-1 r, scaled so that its median is that of noise, from which a sample is an outlier.
 MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL = 50.0
-_MAX_THINNED_SAMPLES_PER_MISTAKE_TRIAL = 400  # samples that mistakes are tried with
+_MAX_THINNED_SAMPLES_PER_RECORDING_MISTAKE_TRIAL = 400  # samples that mistakes are tried with
 _MAX_HINGE_MISFIT_OF_CORRECTED_TO_RECORDED_POSES = 0.2
 """`BodyPoses.misfit` after the correction of a probable mistake, divided by the misfit before."""
 _MAX_HINGE_MISFIT_OF_CORRECTED_POSES = 0.1
 """`BodyPoses.misfit` after the correction of a probable mistake."""
 # Motion of the hinge point that is not random: a hinge is still reported below this.
-_MAX_HINGE_POINT_PLAY_TO_LEVER_LENGTH = 0.02
-MAX_RELIABLE_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
-MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
+_MAX_HARMLESS_HINGE_POINT_MOTION_TO_LEVER_LENGTH = 0.02
+# [rad]: an axis that is known less well is not to be relied on.
+MAX_RELIABLE_HINGE_AXIS_STD_IN_RADIANS = np.radians(2.0)
+MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH = 0.1  # likewise of the hinge point
 
 
 class Finding(NamedTuple):
@@ -65,8 +66,8 @@ def check_turning(poses: RelativePoses) -> None:
     size = np.sqrt((off * off).sum(axis=-1))
     near = off[size <= 4 * np.median(size)]
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
-    if spread[0] >= _MIN_TURNING_ATTITUDE_SCATTER or (
-        spread[0] >= _MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_AXIS * spread[1] and spread[0] > 1e-12
+    if spread[0] >= _MIN_ATTITUDE_SCATTER_OF_TURNING_BODIES_IN_RADIANS or (
+        spread[0] >= _MIN_ATTITUDE_SCATTER_ABOUT_FIRST_TO_SECOND_PRINCIPAL_AXIS * spread[1] and spread[0] > 1e-12
     ):
         return
     p = thin.p
@@ -112,11 +113,11 @@ def judge_hinge(
         return [*outliers, *axis_findings]
     listed = [*outliers, *axis_findings, *_point_findings(poses, noise, residuals, lever_length)]
     worst = float(np.sqrt((std["n"] ** 2).sum() / 2))
-    if worst > MAX_RELIABLE_AXIS_STD:
+    if worst > MAX_RELIABLE_HINGE_AXIS_STD_IN_RADIANS:
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the bodies turn further, or longer."
         listed.append(Finding(text, False))
     vague = max(float(std["u1"].max()), float(std["u2"].max()))
-    if vague > MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * lever_length:
+    if vague > MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH * lever_length:
         listed.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
     if not has_converged:
         listed.append(Finding("The steps of the fit did not come to rest.", False))
@@ -265,7 +266,7 @@ def _point_findings(
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
         return [Finding(text, False)]
-    if size >= _MAX_HINGE_POINT_PLAY_TO_LEVER_LENGTH * lever_length:
+    if size >= _MAX_HARMLESS_HINGE_POINT_MOTION_TO_LEVER_LENGTH * lever_length:
         return [Finding(kind.no_hinge.format(size=kind.size), False)]
     share = f"{100 * kind.size / lever_length:.2g} % of the levers, and not at random"
     return [Finding(f"{kind.play.format(size=kind.size)}, {share}: u1 and u2 name its mean place.", True)]
@@ -326,7 +327,7 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     quaternions), if a hinge fits far better with this mistake corrected. The list is empty if no mistake is likely.
     `body_poses` are the BodyPoses as recorded.
     """
-    every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_THINNED_SAMPLES_PER_MISTAKE_TRIAL))
+    every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_THINNED_SAMPLES_PER_RECORDING_MISTAKE_TRIAL))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
     misfit = poses.misfit()
     corrected_misfits = [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]

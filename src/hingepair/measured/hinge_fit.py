@@ -15,7 +15,7 @@ from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
 from hingepair.measured.findings import BodyPoses, check_turning, find_outliers, judge_hinge, probable_mistakes
 from hingepair.measured.hinge import (
-    GAUGE_NAMES,
+    HINGE_POINT_GAUGE_NAMES,
     SIGN_AND_HOME_RULES_TEXT,
     Hinge,
     home_angle,
@@ -23,7 +23,7 @@ from hingepair.measured.hinge import (
     result_derivatives,
 )
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVE_FUNCTION_BY_NAME,
+    LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME,
     MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT,
     NUM_HINGE_PARAMETERS,
     EncoderLine,
@@ -56,12 +56,13 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_RESIDUAL_TOLERANCE_TO_RMS = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
+_RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
 _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
 # Samples for the start in closed form, and for the check that the motion determines the clock offset.
-_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM = 65536
+_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK = 65536
 _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding mentions
-_AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES = 1e-5  # [rad], step of central differences of the encoder's zero
+# [rad], step of central differences of the encoder's zero.
+_AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS = 1e-5
 _MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
 
 
@@ -173,7 +174,7 @@ class HingeFit(Shown):
         body 2 was not given to `fit`.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL * max(rms, 1e-300) for name, rms in rms_by_name.items()}
         allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
@@ -390,13 +391,13 @@ def fit(
     >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12)
     (True, array([0., 1., 0.]), array([0.5, 0. , 0.1]))
     """
-    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_BY_NAME)
-    check_choice("gauge", gauge, GAUGE_NAMES)
+    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)
+    check_choice("gauge", gauge, HINGE_POINT_GAUGE_NAMES)
     samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    penalty = LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss]
+    penalty = LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
@@ -480,7 +481,7 @@ def _fit_of_point(
     for name, value in (("encoder", samples.encoder), ("noise1", samples.relative_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
-    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss], gauge, clock_offset)
+    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss], gauge, clock_offset)
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:
         used = np.zeros_like(used)
@@ -623,20 +624,25 @@ def _most_likely_estimate(
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
         estimate = most_likely_hinge(
-            there, start or closed_form_hinge(there.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM)), loss
+            there,
+            start or closed_form_hinge(there.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)),
+            loss,
         )
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
         near = clock.most_likely_offset(functools.partial(negative_log_likelihood_per_sample, known_hinge=start))
-        first = start or closed_form_hinge(clock.poses_at(near, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM))
+        first = start or closed_form_hinge(
+            clock.poses_at(near, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)
+        )
         estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
         real, noisy = (
-            at(estimate.offset, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM) for at in (clock.poses_at, clock.noise_poses_at)
+            at(estimate.offset, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)
+            for at in (clock.poses_at, clock.noise_poses_at)
         )
         if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
             return estimate, clock
     return most_likely_hinge(
-        poses, start or closed_form_hinge(poses.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM)), loss
+        poses, start or closed_form_hinge(poses.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)), loss
     ), None
 
 
@@ -681,13 +687,13 @@ def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Arra
     """
     some = poses.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT)
     changes = []
-    for step in _AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES * np.eye(NUM_HINGE_PARAMETERS)[:4]:
+    for step in _AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS * np.eye(NUM_HINGE_PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_STEP_OF_ENCODER_ZERO_DERIVATIVES))
+        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS))
     return np.array(changes)
 
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import (
     MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
-    MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH,
+    MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
 )
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import num_neighbours_to_sum_and_unresolved_lag
@@ -38,23 +38,24 @@ from hingepair.rotations.matrices import skew
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
-_MAX_THINNED_SAMPLES_PER_START_TRIAL = 400  # samples that starts are tried with
-_NUM_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
-_MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM = 1e-13  # residuals that rounding explains
-_MAX_RELIABLE_INERTIAL_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
-_MIN_REFERENCE_LEVER_LENGTH = 0.1  # [m]: shorter levers are judged as if they had this length
-_MAX_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
-_MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
+_MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL = 400  # samples that starts are tried with
+_NUM_SENSOR_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
+_MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM = 1e-13  # residuals that rounding explains
+# [rad]: an axis that is known less well is not to be relied on.
+_MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS = np.radians(5.0)
+_MIN_REFERENCE_LEVER_LENGTH_IN_METRES = 0.1  # [m]: shorter levers are judged as if they had this length
+_MAX_HARMLESS_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
+_MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
 """Residuals that are not noise: the axis is still reliable below this."""
-_MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
+_MAX_HARMLESS_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
 """Residuals that are not noise, over the difference between the sizes of both forces: the point is still reliable
 below this."""
-_MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
+_MIN_TURN_CORRELATION_THAT_SHOWS_HINGE_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
 _MIN_NORMAL_MATRIX_EIGENVALUE_TO_MATRIX_NORM = 1e-10  # from which a direction is not rounding
-_MIN_AXIS_SIGNAL_TO_NOISE = 10.0
+_MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_AXIS = 10.0
 """Size of the normal matrix over what noise adds to it, from which a direction of the axes is shown. What noise adds
 is more than the variance of the rates says where rates across an axis are small."""
-_MIN_POINT_SIGNAL_TO_NOISE = 2.0
+_MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_POINT = 2.0
 """Size of the normal matrix over what noise adds to it, from which a direction of the hinge point is shown."""
 
 
@@ -171,7 +172,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
             int(known.sum()),
         )
     w1, w2 = omega1[known], omega2[known]
-    step = -(-w1.shape[0] // _MAX_THINNED_SAMPLES_PER_START_TRIAL)
+    step = -(-w1.shape[0] // _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
     axes, residuals = _fit_from_starts(
@@ -179,8 +180,8 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     )
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and residuals @ residuals > (_MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM * size) ** 2:
-        for _ in range(_NUM_BIAS_FIT_ROUNDS):
+    if bias > 0 and residuals @ residuals > (_MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM * size) ** 2:
+        for _ in range(_NUM_SENSOR_BIAS_FIT_ROUNDS):
             prior = np.full(6, np.sqrt(residuals @ residuals / residuals.size) / bias)
             unknowns, all_residuals = _levenberg_marquardt(
                 _rate_residual_function(w1, w2, prior), _step_axes_and_biases, unknowns
@@ -201,7 +202,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         residuals,
         sample_derivatives,
         residuals @ residuals / 2 * np.eye(4),
-        _MIN_AXIS_SIGNAL_TO_NOISE,
+        _MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_AXIS,
         prior_derivatives,
     )
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
@@ -211,20 +212,20 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if np.isfinite(s)
         else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
         for i, s in enumerate(std, start=1)
-        if s > _MAX_RELIABLE_INERTIAL_AXIS_STD
+        if s > _MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS
     ]
     rms_rate = size / np.sqrt(2 * w1.shape[0])
     if (
-        rms > _MAX_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * rms_rate
+        rms > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * rms_rate
         and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     ):
         findings.append(
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
         )
-    elif rms > _MAX_RATE_RESIDUAL_TO_RMS_RATE * rms_rate:
+    elif rms > _MAX_HARMLESS_RATE_RESIDUAL_TO_RMS_RATE * rms_rate:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(sign_correlations) < _MIN_CORRELATION_THAT_SHOWS_AXIS_SIGN:
+    if max(sign_correlations) < _MIN_TURN_CORRELATION_THAT_SHOWS_HINGE_AXIS_SIGN:
         findings.append("The sign of n2 relative to n1 is not determined: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
@@ -346,14 +347,14 @@ def fit_anchor(
         residuals,
         sample_derivatives @ across,
         across.T @ noise @ across,
-        _MIN_POINT_SIGNAL_TO_NOISE,
+        _MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_POINT,
         prior_derivatives @ across,
     )
     covariance = gauge @ across @ inner @ across.T @ gauge.T
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
-    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_REFERENCE_LEVER_LENGTH)
+    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_REFERENCE_LEVER_LENGTH_IN_METRES)
     findings = _point_sentences(std, reach, residuals, forces)
     ok = not findings
     for name, column in named_vectors.items():
@@ -381,13 +382,13 @@ def _point_sentences(
     specific forces (N, 3).
     """
     findings = []
-    if not std <= MAX_RELIABLE_POINT_STD_TO_LEVER_LENGTH * lever_length:
+    if not std <= MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
-        rms > _MAX_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE * np.sqrt(np.mean(apart**2))
+        rms > _MAX_HARMLESS_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE * np.sqrt(np.mean(apart**2))
         and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     ):
         findings.append(
@@ -446,7 +447,7 @@ def _point_and_biases(
     count = rates[0].shape[0]
     rng = np.random.default_rng(0)
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-count // _MAX_THINNED_SAMPLES_PER_START_TRIAL))
+    some = slice(None, None, -(-count // _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL))
     thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, rate_derivatives))
     u, residuals = _fit_from_starts(
         _force_residual_function(thin1, thin2, thin3),
@@ -455,10 +456,10 @@ def _point_and_biases(
         starts,
     )
     unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if bias_stds.any() and residuals @ residuals > _MAX_ROUNDING_RESIDUAL_NORM_TO_READINGS_NORM**2 * sum(
+    if bias_stds.any() and residuals @ residuals > _MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM**2 * sum(
         float((force * force).sum()) for force in forces
     ):
-        for _ in range(_NUM_BIAS_FIT_ROUNDS):
+        for _ in range(_NUM_SENSOR_BIAS_FIT_ROUNDS):
             noise = np.sqrt(residuals @ residuals / residuals.size)
             prior = noise / np.where(bias_stds > 0, bias_stds, 1e-9)  # 0: known to be without bias
             unknowns, all_residuals = _levenberg_marquardt(

@@ -23,15 +23,16 @@ from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0,
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
-_NUM_ANGLE_SMOOTHING_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
+_NUM_HINGE_ANGLE_SMOOTHING_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
 _MIN_VECTOR_LENGTH_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
-_MAX_RELIABLE_HINGE_ANGLE_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
+_MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS = 0.2  # [rad]: an angle that is known less well is not to be relied on
 # Above, a direction counts less.
-_LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_VARIANCES = 4.0
-_MAX_DIRECTION_SCATTER_TO_NOISE = 3.0  # of directions about the most likely angle
-_MIN_DIRECTION_NOISE_STD = 1e-9  # [rad]
-_MIN_RATE_BIAS_STD = 1e-9  # [rad/s]
-_PRIOR_STD_OF_UNMEASURED_ANGLE = 1e6  # [rad], of an angle, or a change over a gap, that nothing measures
+_LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES = 4.0
+_MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE = 3.0  # of directions about the most likely angle
+_MIN_DIRECTION_NOISE_STD_IN_RADIANS = 1e-9  # [rad]
+_MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND = 1e-9  # [rad/s]
+# [rad], of an angle, or a change over a gap, that nothing measures.
+_PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -162,12 +163,12 @@ def fit_angle(
     psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     worst = float(std.max())
     findings = []
-    if worst > _MAX_RELIABLE_HINGE_ANGLE_STD:
+    if worst > _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS:
         findings.append(
             f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
             "velocity shows a direction across the axis for long enough."
         )
-    if estimate.excess > _MAX_DIRECTION_SCATTER_TO_NOISE:
+    if estimate.excess > _MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE:
         findings.append(
             f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
@@ -213,7 +214,7 @@ def _angles_between(
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
     variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
-    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_DIRECTION_NOISE_STD**2)), noise
+    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_DIRECTION_NOISE_STD_IN_RADIANS**2)), noise
 
 
 def _most_likely_angle(
@@ -233,14 +234,14 @@ def _most_likely_angle(
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
     step_weights = 1 / (rate_noise * dt) ** 2
-    step_weights[piece_starts - 1] = 1 / _PRIOR_STD_OF_UNMEASURED_ANGLE**2
+    step_weights[piece_starts - 1] = 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
-    for _ in range(_NUM_ANGLE_SMOOTHING_ROUNDS):
+    for _ in range(_NUM_HINGE_ANGLE_SMOOTHING_ROUNDS):
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
-        weights = precision / (1 + off**2 / _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_VARIANCES)
+        weights = precision / (1 + off**2 / _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES)
         psi, _, _ = _solve_smoother(dt, steps_of_angle, step_weights, weights, near, bias_std)
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
@@ -296,10 +297,12 @@ def _solve_smoother(
     matrix[0, 1:] = -step_weights
     matrix[1, 1:] += step_weights
     matrix[1, :-1] += step_weights
-    matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_ANGLE**2
+    matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
     right += (angle_weights * np.where(angle_weights > 0, angles, 0.0)).sum(axis=0)
     x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
-    drift_precision = (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_RATE_BIAS_STD) ** 2 - border @ y
+    drift_precision = (
+        (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND) ** 2 - border @ y
+    )
     drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / drift_precision)
     variance = inverse_bands(matrix, 1)[0, :count] + y * y / drift_precision
     return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(drift_precision)))

@@ -36,30 +36,30 @@ NUM_HINGE_PARAMETERS = 9
 """Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
 _MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES = 4096  # samples that the variance components are estimated from
 # Least noise of positions, or of the encoder, to the mean squared residual.
-_MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL = 1e-3
+_MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
 # [rad/s]: converts a step of the clock offset to a rotation, to judge the length of the step.
-_NOMINAL_RELATIVE_ROTATION_RATE = 5.0
-_EFFICIENCY_OF_VARIANCES_BY_MEDIANS = 0.37  # beside variances by squares
+_ROTATION_PER_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND = 5.0
+_EFFICIENCY_OF_MEDIAN_TO_MEAN_SQUARE_VARIANCE_ESTIMATE = 0.37  # beside variances by squares
 _NUM_SAMPLES_PER_RESIDUAL_BLOCK = 2048  # samples, that fit the caches
-MAX_THINNED_SAMPLES_FOR_FIRST_STEPS = 16384  # samples that the first steps are taken with
+MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS = 16384  # samples that the first steps are taken with
 # About so many samples, in stretches of blocks, give the covariance.
-_NOMINAL_NUM_COVARIANCE_SAMPLES = 131072
-_MIN_NUM_SCORE_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
-_MAX_GAUSS_NEWTON_STEPS = 40  # of a fit
-_MAX_ROTATION_PER_GAUSS_NEWTON_STEP = 0.3  # [rad]; longer steps are shortened
-_MAX_CONVERGED_STEP_IN_STDS = 0.02  # below, the steps have converged
-_MAX_PREDICTED_NEXT_STEP_IN_STDS = 0.1  # likewise of the next step
-_MAX_THINNED_SAMPLES_FOR_BIAS = 300  # samples that the bias is computed from
-_MIN_CORRECTED_BIAS_IN_STDS = 0.1  # below, the bias is left
+_APPROXIMATE_NUM_SAMPLES_FOR_COVARIANCE = 131072
+_MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES = 40  # sums of neighbouring scores that the covariance is taken from, at least
+_MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS = 40  # of a fit
+_MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS = 0.3  # [rad]; longer steps are shortened
+_MAX_CONVERGED_HINGE_STEP_NORM_IN_PARAMETER_STDS = 0.02  # below, the steps have converged
+_MAX_PREDICTED_NEXT_HINGE_STEP_NORM_IN_PARAMETER_STDS = 0.1  # likewise of the next step
+_MAX_THINNED_SAMPLES_FOR_HINGE_BIAS = 300  # samples that the bias is computed from
+_MIN_CORRECTED_HINGE_BIAS_IN_STDS = 0.1  # below, the bias is left
 MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT = 100  # samples of poses that tell by how much the zero of psi shifts
-_MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
+_MAX_INLIER_ENCODER_RESIDUAL_TO_MEDIAN_RESIDUAL = 5.0  # of samples that the encoder's zero is computed from
 # Of what noise adds to the normal matrix, from which the clock offset is shown.
-MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE = 10.0
-MAX_STD_OF_DETERMINED_CLOCK_OFFSET = 0.1  # [s]: an offset that is known less well is not shown
+MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET = 10.0
+MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS = 0.1  # [s]: an offset that is known less well is not shown
 _MAX_COSINE_OF_OPPOSITE_HINGE_AXES = -0.999999  # cosine of axes below which they point against each other
 _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
-_MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE = 100.0
+_MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE_ESTIMATE = 100.0
 """From this size on a sample is left out of the medians that estimate the noise."""
 _MIN_WHITENED_SQUARED_RESIDUAL_OF_ZERO_WEIGHT = 900.0
 """From this size on a sample has no weight in losses other than "linear"."""
@@ -67,7 +67,7 @@ CHI2_MEDIAN_BY_DOF = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-square
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
-LOSS_DERIVATIVE_FUNCTION_BY_NAME: dict[str, Loss | None] = {
+LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME: dict[str, Loss | None] = {
     "linear": None,
     "soft_l1": lambda z: ((1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "huber": lambda z: (np.maximum(z, 1) ** -0.5, np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
@@ -252,23 +252,25 @@ def most_likely_hinge(
     returns RelativePoses, is given, estimate the clock offset too, from the first value `offset` [s].
     """
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
-    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_STEPS)
+    some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS)
     hinge, line = start, fit_encoder_line(some, start)
     noise = _estimate_noise(some, hinge, None, loss, line)
     has_converged = False
     for most in (
-        (MAX_THINNED_SAMPLES_FOR_FIRST_STEPS, poses.samples)
-        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_STEPS
+        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, poses.samples)
+        if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS
         else (poses.samples,)
     ):
         some = poses_at(offset, most)
-        for _ in range(_MAX_GAUSS_NEWTON_STEPS):
+        for _ in range(_MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -solve_semidefinite(normal, gradient)
             delay = float(step[NUM_HINGE_PARAMETERS]) if some.offset_derivatives is not None else 0.0
-            rotation = max(float(np.abs(step[:4]).max()), _NOMINAL_RELATIVE_ROTATION_RATE * abs(delay))
-            if rotation > _MAX_ROTATION_PER_GAUSS_NEWTON_STEP:
-                step *= _MAX_ROTATION_PER_GAUSS_NEWTON_STEP / rotation
+            rotation = max(
+                float(np.abs(step[:4]).max()), _ROTATION_PER_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND * abs(delay)
+            )
+            if rotation > _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS:
+                step *= _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS / rotation
             before, hinge = hinge, hinge.moved(step[:NUM_HINGE_PARAMETERS]).balanced()
             if line is not None:
                 zero = (
@@ -280,13 +282,17 @@ def most_likely_hinge(
             if some.offset_derivatives is not None:
                 offset += float(step[NUM_HINGE_PARAMETERS])
                 some = poses_at(offset, most)
-            noise = _estimate_noise(some.thinned(MAX_THINNED_SAMPLES_FOR_FIRST_STEPS), hinge, noise, loss, line)
+            noise = _estimate_noise(some.thinned(MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
-            quick = loss is None and size * (rotation + np.sqrt(noise.attitude)) < _MAX_PREDICTED_NEXT_STEP_IN_STDS
+            quick = (
+                loss is None
+                and size * (rotation + np.sqrt(noise.attitude))
+                < _MAX_PREDICTED_NEXT_HINGE_STEP_NORM_IN_PARAMETER_STDS
+            )
             rounding_step = 2.0**-50 * np.repeat((1.0, poses.size), (4, 5))  # rotations [rad], shifts [m]
             rounded = (np.abs(step[:NUM_HINGE_PARAMETERS]) < rounding_step).all() and abs(delay) < 1e-12  # s
-            has_converged = bool(size < _MAX_CONVERGED_STEP_IN_STDS or quick or rounded)
+            has_converged = bool(size < _MAX_CONVERGED_HINGE_STEP_NORM_IN_PARAMETER_STDS or quick or rounded)
             if has_converged:
                 break
     return Estimate(hinge, noise, has_converged, offset, line)
@@ -343,7 +349,7 @@ def _encoder_line_of_slope(
     off = np.exp(1j * (psi - slope * reading))
     middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
     rest = _encoder_residual(psi, reading, EncoderLine(middle, slope))
-    near = np.abs(rest) <= _MAX_INLIER_TO_MEDIAN_ENCODER_RESIDUAL * np.median(np.abs(rest)) + 1e-300
+    near = np.abs(rest) <= _MAX_INLIER_ENCODER_RESIDUAL_TO_MEDIAN_RESIDUAL * np.median(np.abs(rest)) + 1e-300
     return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
 
 
@@ -380,7 +386,7 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
         np.diagonal(covariance)
         * thin.samples
         / poses.samples
-        / (1.0 if loss is None else _EFFICIENCY_OF_VARIANCES_BY_MEDIANS)
+        / (1.0 if loss is None else _EFFICIENCY_OF_MEDIAN_TO_MEAN_SQUARE_VARIANCE_ESTIMATE)
     )
     std = np.sqrt(variances) / (2 * np.sqrt(np.array(noise[:2])))
     return dict(zip(("noise_position", "noise_angle"), std, strict=True))
@@ -402,8 +408,8 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     shown = normals[0][k, k] - normals[0][k, others] @ across
     share = poses.weights.sum() / max(poses.samples, 1)
     return bool(
-        shown > MIN_CLOCK_OFFSET_SIGNAL_TO_NOISE * normals[1][k, k]
-        and shown * share * MAX_STD_OF_DETERMINED_CLOCK_OFFSET**2 > 1
+        shown > MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET * normals[1][k, k]
+        and shown * share * MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS**2 > 1
     )
 
 
@@ -419,10 +425,10 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
     if (
         np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach)
-        < _MIN_CORRECTED_BIAS_IN_STDS
+        < _MIN_CORRECTED_HINGE_BIAS_IN_STDS
     ):
         return hinge
-    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_BIAS)
+    thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_HINGE_BIAS)
     first, second = frame(hinge.n), frame(hinge.m)
     q = np.kron(first.T, second.T) @ thin.Q
     psi = np.arctan2(q[3] - q[1], q[0] + q[4])
@@ -460,7 +466,7 @@ def evaluate_hinge(
     sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
     slope: Float64Array = np.zeros(())
     score_blocks, whitened_blocks = [], []
-    every = max(1, count // _NOMINAL_NUM_COVARIANCE_SAMPLES)
+    every = max(1, count // _APPROXIMATE_NUM_SAMPLES_FOR_COVARIANCE)
     for k, (block, seen) in enumerate(iterate_residuals(poses, hinge, encoder_line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[block] = np.arctan2(np.hypot(q[2], q[5]), q[8])
@@ -521,14 +527,16 @@ def num_neighbours_to_sum_and_unresolved_lag(scores: Float64Array) -> tuple[int,
     are still correlated.
 
     Sums go over four times the lag at which scores are hardly correlated, but there are at least
-    _MIN_NUM_SCORE_SUMS of them.
+    _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES of them.
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _MIN_NUM_SCORE_SUMS <= count and _lag_correlation(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES <= count and _lag_correlation(scores, lag) > uncorrelated:
         lag *= 2
-    together = 1 if lag == 1 else min(4 * lag, count // _MIN_NUM_SCORE_SUMS)
-    unresolved = 4 * lag * _MIN_NUM_SCORE_SUMS > count and _lag_correlation(scores, lag) > uncorrelated
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES)
+    unresolved = (
+        4 * lag * _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES > count and _lag_correlation(scores, lag) > uncorrelated
+    )
     return together, lag if unresolved else 0
 
 
@@ -641,8 +649,8 @@ def _estimate_noise(
     if loss is None:
         attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
     else:
-        if 2 * (sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE).sum() > near.size:
-            near = sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE
+        if 2 * (sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE_ESTIMATE).sum() > near.size:
+            near = sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE_ESTIMATE
         attitude, across = (
             np.median(tilt[near]) / CHI2_MEDIAN_BY_DOF[2],
             np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
@@ -654,7 +662,8 @@ def _estimate_noise(
     noise = Noise(place, attitude)
     if loss is None:
         least = Noise(
-            max(_MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL * float(across), rounding), (4 * UNIT_ROUNDOFF) ** 2
+            max(_MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * float(across), rounding),
+            (4 * UNIT_ROUNDOFF) ** 2,
         )
         noise, _ = variance_components(poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES), hinge, noise, least)
     read = np.isfinite(turn) & near
@@ -666,7 +675,9 @@ def _estimate_noise(
         total = float(np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
     return noise._replace(
         encoder=max(
-            total - noise.attitude, _MIN_NOISE_VARIANCE_TO_MEAN_SQUARED_RESIDUAL * total, (4 * UNIT_ROUNDOFF) ** 2
+            total - noise.attitude,
+            _MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * total,
+            (4 * UNIT_ROUNDOFF) ** 2,
         )
     )
 

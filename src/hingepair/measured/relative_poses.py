@@ -19,9 +19,9 @@ from hingepair.rotations.matrices import rotation_vector
 
 # Samples of poses that are computed at a time, which limits the memory.
 _NUM_SAMPLES_PER_POSE_BLOCK = 4096
-_NUM_RANDOM_SAMPLE_PAIRS = 200  # each pair of samples gives a hinge
+_NUM_RANDOM_SAMPLE_PAIRS_FOR_HINGE_CANDIDATES = 200  # each pair of samples gives a hinge
 MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING = 300  # samples that tell which of several candidates is best
-_MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES = 0.017  # [rad] between the samples of a pair
+_MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES_IN_RADIANS = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
@@ -104,7 +104,7 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
     judges = poses.thinned(MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)
-    first, second = np.random.default_rng(0).choice(poses.samples, (2, _NUM_RANDOM_SAMPLE_PAIRS))
+    first, second = np.random.default_rng(0).choice(poses.samples, (2, _NUM_RANDOM_SAMPLE_PAIRS_FOR_HINGE_CANDIDATES))
     n, m, u1, u2 = (
         np.concatenate(vectors)[:, :, None]
         for vectors in zip(
@@ -133,7 +133,7 @@ def _hinges_of_sample_pairs(
     Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first_indices, second_indices))
     turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    is_turned = angle > _MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES
+    is_turned = angle > _MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES_IN_RADIANS
     Q, angle = Q[is_turned], angle[is_turned]
     n = turn[is_turned] / angle[:, None]
     p = poses.p.T[first_indices[is_turned]]

@@ -15,7 +15,7 @@ from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 
-_MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE = 1.5  # standard deviations, or the reverse
+_MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS = 1.5  # standard deviations, or the reverse
 
 
 class Samples(NamedTuple):
@@ -64,7 +64,9 @@ class Samples(NamedTuple):
         return [
             f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
             for name, ratio in ratios.items()
-            if not 1 / _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE < ratio < _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE
+            if not 1 / _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS
+            < ratio
+            < _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS
         ]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_BY_NAME, Loss
+from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME, Loss
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
@@ -35,14 +35,15 @@ from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
 _NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
-_ANGULAR_VELOCITY_DIFFERENCE_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+# Of the differences that make omega and alpha of smooth attitudes.
+_ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES = 6
 # Names of a smoothed quantity and its derivatives.
-_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_RECORDED_QUANTITY_NAME_BY_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
+_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_MESSAGE_NAME_BY_POSE_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
 # Above, a warning says so.
-_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS = 0.2
+_MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS = 0.2
 _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
-_MAX_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE = 0.5  # above, a warning says so
+_MAX_UNREPORTED_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE = 0.5  # above, a warning says so
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -83,8 +84,8 @@ class SmoothedMotion(BodyMotion):
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
         for names, letter in (
-            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["R"], "R"),
-            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["S"], "S"),
+            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["R"], "R"),
+            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["S"], "S"),
         ):
             noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
@@ -201,7 +202,7 @@ def smooth(
     """
     time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
-    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_BY_NAME)
+    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
     recording = body if isinstance(body, BodyMotion) else real_array("body", body)
@@ -209,13 +210,13 @@ def smooth(
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {recording.shape}")
     warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
     if isinstance(recording, BodyMotion):
-        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss])
+        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
     angles = recording.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
         warn_of_measurements(angle_suspicions("body", angles))
-    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_BY_NAME[loss])
+    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
 
 
 def _smooth_body(
@@ -235,8 +236,8 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(_RECORDED_QUANTITY_NAME_BY_LETTER[letter], samples, parts[letter], loss)
-            rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER[letter][1:]
+            sentences += _residual_suspicions(_MESSAGE_NAME_BY_POSE_LETTER[letter], samples, parts[letter], loss)
+            rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
 
@@ -259,7 +260,7 @@ def smoothed_arrays(
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
     arrays = dict(
         zip(
-            _QUANTITY_AND_DERIVATIVE_NAMES_BY_LETTER["R"],
+            _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["R"],
             (places.values[0] + origin, *places.values[1:]),
             strict=True,
         )
@@ -291,7 +292,7 @@ def _smooth_attitudes(
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in piece_slices:
         omega[piece], alpha[piece] = angular_velocity_from_samples(
-            t[piece], base[piece], _ANGULAR_VELOCITY_DIFFERENCE_ORDER, with_alpha=True
+            t[piece], base[piece], _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES, with_alpha=True
         )
     return {"S": base, "omega": omega, "alpha": alpha}, smoothed
 
@@ -390,7 +391,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.residual_correlation > max(_MAX_NEIGHBOUR_CORRELATION_OF_SMOOTHING_RESIDUALS, 4 / np.sqrt(count)):
+    elif smoothed.residual_correlation > max(_MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS, 4 / np.sqrt(count)):
         sentences.append(
             f"{name}: what smoothing leaves of neighbouring samples is correlated "
             f"({smoothed.residual_correlation:.2g}): motion that the bandwidth of {smoothed.bandwidth:.3g} Hz leaves "
@@ -413,7 +414,7 @@ def _noise_suspicions(
     noisy_derivatives = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > _MAX_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE * size:
+        if noise[letter] > _MAX_UNREPORTED_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE * size:
             unit = unit_of(letter)
             noisy_derivatives.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     return (

@@ -40,34 +40,36 @@ MIN_SAMPLES_PER_SMOOTHED_PIECE = 8
 """Samples of a piece that is smoothed."""
 _SPLINE_DEGREE = 7  # of the B-splines
 _PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
-_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
+_SPLINE_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
 # How often generalised cross validation counts each degree of freedom.
 _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4
 _CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
 """Factor on the bandwidth of the least cross-validation score: derivatives near the ends gain more by it than those
 in the middle lose."""
-_CANDIDATE_NOISE_CORRELATIONS = np.concatenate(
+_CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES = np.concatenate(
     (np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97))
 )  # of neighbouring samples
 # In the logarithm of the likelihood, from which noise is taken for correlated.
 _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 12.0
-_MIN_SPECTRUM_FREQUENCY_INDEX = 4  # of a tapered spectrum: slower ones are of the taper itself
-_MIN_SPECTRUM_SAMPLES = 128  # samples of a piece whose spectrum is taken
+_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM = 4  # of a tapered spectrum: slower ones are of the taper itself
+_MIN_SAMPLES_PER_NOISE_SPECTRUM = 128  # samples of a piece whose spectrum is taken
 # Blackman and Harris's: little of slow motion leaks into fast noise.
-_SPECTRUM_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
+_BLACKMAN_HARRIS_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
 _INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum that are independent
-_MAX_WINSORISED_SAMPLE_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
-_MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN = 1.5  # longest time step over which neighbours' noise is correlated
+# Of samples that the curve replaces, where the correlation of noise is sought.
+_MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE = 0.3
+# Longest time step over which neighbours' noise is correlated.
+_MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP = 1.5
 _NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
 # Above, a sample has the least weight in losses other than "linear".
-_MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES = 100.0
-_MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES = 50.0  # above, a sample is counted as an outlier
+_MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES = 100.0
+_MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_OF_SQUARED_RESIDUAL_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_LOSS_SCALE_IN_NOISE_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
-_NUM_TRACE_PROBE_VECTORS = 16  # vectors of signs that the degrees of freedom are estimated with
-_NUM_SAMPLES_PER_RECORD_STRETCH = 4096  # of a long record
-_NUM_RECORD_STRETCHES = 8
+_NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM = 16  # vectors of signs that the degrees of freedom are estimated with
+_NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD = 4096  # of a long record
+_NUM_STRETCHES_OF_LONG_RECORD = 8
 """Of long records the bandwidth is chosen on so many stretches."""
 
 
@@ -125,7 +127,7 @@ def smooth_columns(
     k, weights, residuals = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
     for iteration in range(1 if loss is None else _NUM_ROBUST_REWEIGHTING_ROUNDS):
         if iteration < 2:
-            clean, is_winsorised = columns.copy(), weights < _MAX_WINSORISED_SAMPLE_WEIGHT
+            clean, is_winsorised = columns.copy(), weights < _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE
             clean[used[is_winsorised]] -= residuals[is_winsorised]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
         spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
@@ -140,9 +142,9 @@ def smooth_columns(
             variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
             weights = np.where(
-                sizes > _MIN_SQUARED_RESIDUAL_OF_ZERO_WEIGHT_IN_VARIANCES,
+                sizes > _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES,
                 0.0,
-                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_BY_COLUMN_COUNT[k])[0],
+                loss(sizes / _LOSS_SCALE_IN_NOISE_VARIANCES_BY_COLUMN_COUNT[k])[0],
             )
             weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
     white = spline.whitened(residuals)
@@ -175,7 +177,7 @@ def _outlier_share(squares: Float64Array, column_count: int) -> float:
     if min(float(np.median(part)) for part in parts) < typical / 30:
         return 0.0
     variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
-    return float(np.mean(squares > _MIN_OUTLIER_SQUARED_RESIDUAL_IN_VARIANCES * variance))
+    return float(np.mean(squares > _MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES * variance))
 
 
 def _choose_model(
@@ -193,7 +195,7 @@ def _choose_model(
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
-    if sum(piece.size for piece in pieces) > _NUM_SAMPLES_PER_RECORD_STRETCH * _NUM_RECORD_STRETCHES:
+    if sum(piece.size for piece in pieces) > _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD * _NUM_STRETCHES_OF_LONG_RECORD:
         pieces = _representative_stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
@@ -252,7 +254,7 @@ def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp
     """
     steps = np.diff(t[piece])
     return np.split(
-        piece, np.flatnonzero(steps > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN * np.median(steps)) + 1
+        piece, np.flatnonzero(steps > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP * np.median(steps)) + 1
     )
 
 
@@ -265,16 +267,16 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     frequencies, powers = [], []
     for values in pieces:
         count = values.shape[0]
-        if count < _MIN_SPECTRUM_SAMPLES:
+        if count < _MIN_SAMPLES_PER_NOISE_SPECTRUM:
             continue
         place = np.arange(count)
         angle = 2 * np.pi * place / count
-        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_SPECTRUM_TAPER_COEFFS))
+        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_BLACKMAN_HARRIS_TAPER_COEFFS))
         line = np.polynomial.polynomial.polyfit(place / count, values, 1)
         level = values - np.polynomial.polynomial.polyval(place / count, line).T
         power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
-        frequencies.append(np.arange(_MIN_SPECTRUM_FREQUENCY_INDEX, power.size - 1) / count)
-        powers.append(power[_MIN_SPECTRUM_FREQUENCY_INDEX : power.size - 1])
+        frequencies.append(np.arange(_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM, power.size - 1) / count)
+        powers.append(power[_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM : power.size - 1])
     if not powers:
         return 0.0
     f, power = np.concatenate(frequencies), np.concatenate(powers)
@@ -285,14 +287,18 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     motion = (corners[:, None] / f) ** (2 * _PENALISED_DERIVATIVE_ORDER)
     cosine = np.cos(2 * np.pi * f)
     costs = []
-    for correlation in _CANDIDATE_NOISE_CORRELATIONS:
+    for correlation in _CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES:
         noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
         shape = noise + motion * (1 + correlation) / (1 - correlation)
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
     columns = pieces[0].shape[1]
     best = int(np.argmin(costs))
     gain = _INDEPENDENT_SPECTRUM_TERM_FRACTION * columns * (costs[0] - costs[best])
-    return float(_CANDIDATE_NOISE_CORRELATIONS[best]) if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE else 0.0
+    return (
+        float(_CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES[best])
+        if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE
+        else 0.0
+    )
 
 
 def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
@@ -302,8 +308,8 @@ def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArra
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
-    length = _NUM_SAMPLES_PER_RECORD_STRETCH
-    for start in np.linspace(0, all_rows.size - length, _NUM_RECORD_STRETCHES).astype(np.intp):
+    length = _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD
+    for start in np.linspace(0, all_rows.size - length, _NUM_STRETCHES_OF_LONG_RECORD).astype(np.intp):
         stretch, owner = all_rows[start : start + length], owners[start : start + length]
         stretches += [
             part
@@ -326,7 +332,7 @@ class SmoothingSpline:
         from scipy.sparse import block_diag
 
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
-        widest = max(1 / (_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
+        widest = max(1 / (_SPLINE_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_extended_knots(piece_knots) for piece_knots in inner]
         self.ends = np.cumsum([piece_knots.size - _SPLINE_DEGREE - 1 for piece_knots in self.knots])
@@ -421,7 +427,7 @@ class SmoothingSpline:
         vectors of signs (fixed seed).
         """
         size = int(self.ends[-1])
-        probes = np.zeros((size, min(_NUM_TRACE_PROBE_VECTORS, size)))
+        probes = np.zeros((size, min(_NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM, size)))
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
             (-1.0, 1.0), size
         )
@@ -446,7 +452,7 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         start += time.size
     with np.errstate(divide="ignore"):
         neighbour_correlations = np.where(
-            between > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_MEDIAN * step,
+            between > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP * step,
             0.0,
             correlation ** np.minimum(between / step, 1e3),
         )
