@@ -317,7 +317,7 @@ class _ModelPart(NamedTuple):
 
 def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
     """Return two _ModelParts of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
-    point. Raise an ArgumentError if XML cannot hold the name of the pair.
+    point. Raise an ArgumentError if XML cannot hold the name of the pair, and the errors of `drawn_shapes`.
     """
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
@@ -376,8 +376,8 @@ def _round_for_drawing(length: float) -> float:
 
 def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
     """Return a dict of the attributes of URDF's element `limit` by name, with defaults for missing effort and
-    velocity. `limits` are the limits of the angle [rad] or None. The dict is empty if there are none and the pair has
-    no limits of torque and rate.
+    velocity. `limits` are the limits of the angle [rad] or None. The dict is empty if `limits` is None and the pair
+    has no limits of torque and rate.
     """
     pair_limits = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(pair_limits.values()) == {None}:
@@ -391,7 +391,7 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
     """Add the link of a _ModelPart to the element <robot> of a URDF: its inertial element, and a visual element for
-    each shape.
+    each shape, which refers to a material named after the link.
     """
     link = add_element(robot, "link", name=part.link)
     inertial = add_element(link, "inertial")
@@ -409,8 +409,8 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
 
 
 def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return (kind, dict of sizes, (roll, pitch, yaw) [rad]) of a Box, Cylinder or Sphere for URDF. The angles of a
-    cylinder rotate URDF's z axis to the cylinder's axis.
+    """Return (kind, dict of sizes, (roll, pitch, yaw) [rad]) of a Box, Cylinder or Sphere for URDF. The angles rotate
+    URDF's axes to the axes of a box, or URDF's z axis to the axis of a cylinder; they are 0 for a sphere.
     """
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
@@ -430,8 +430,8 @@ def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
 
 
 def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
-    """Return a dict of the attributes of a MuJoCo geom for a Box, Cylinder or Sphere: type, size (half lengths) and
-    direction.
+    """Return a dict of the attributes of a MuJoCo geom for a Box, Cylinder or Sphere: the type, the size (half
+    lengths and radii), and the direction if it matters. The position is not included.
     """
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}

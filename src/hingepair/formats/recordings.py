@@ -62,7 +62,9 @@ class Recording(NamedTuple):
 
 
 class _RecordedBody(NamedTuple):
-    """Motion of one body with its own instants, the path of its file, and the readings of an encoder in that file."""
+    """Motion of one body with the instants `t`, the path of the file, and the readings of an encoder in the file. `t`
+    and `encoder` are None if the file has no such column.
+    """
 
     motion: BodyMotion
     t: NDArray[Any] | None
@@ -78,8 +80,8 @@ def read_recording(
 ) -> Recording:
     """Read the poses of two bodies, from one file or from one file for each, and return them at common instants as a
     Recording. If the instants differ, the poses are resampled at the instants of the slower recording; gaps up to
-    `max_gap` [s] are bridged. `ignored_columns` are name patterns, and `encoder_column` is a name or None. Raise an
-    ArgumentError if a file or a column cannot be used.
+    `max_gap` [s] are bridged. `ignored_columns` are name patterns in which `*` stands for anything, and
+    `encoder_column` is a name or None. Raise an ArgumentError if a file or a column cannot be used.
 
     Args:
         paths: one file, or two.
@@ -129,8 +131,8 @@ def read_recording(
 
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
     """Resample the motions of two bodies and the encoder readings of the first at the instants of the body with the
-    longer time steps, and return a Recording. Gaps up to `max_gap` [s] are bridged. Raise an ArgumentError if fewer
-    than two instants have both bodies.
+    longer time steps, and return a Recording. Gaps up to `max_gap` [s] are bridged. Equal instants need no
+    resampling. Raise an ArgumentError if a body has no instants, or if fewer than two instants have both bodies.
     """
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
@@ -249,8 +251,8 @@ def _read_columns(
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
-    """Return the column names of the components of an array of vectors or matrices, by its name and the shape of a
-    sample; for other shapes return the name.
+    """Return an array (3,) or (3, 3) of the column names of the components of a vector or a matrix called `name`.
+    `sample_shape` is the shape of one sample; for other shapes than (3,) and (3, 3), return `name`.
     """
     if sample_shape not in {(3,), (3, 3)}:
         return name
@@ -259,8 +261,8 @@ def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
 
 def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
     """Return a list of the `names` to be read: instants, poses, and `encoder_column` unless it is None. Names that
-    match a pattern in `ignored_columns` are left out. Raise an ArgumentError for a column that occurs twice, or that
-    is neither known nor ignored.
+    match a pattern in `ignored_columns` are left out, and so are columns of results that are not poses, such as
+    velocities. Raise an ArgumentError for a column that occurs twice, or that is neither known nor ignored.
     """
     known_names = [
         "t",

@@ -81,8 +81,8 @@ class _UrdfWriter:
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
         """Add the links of the body with the number `body_number` to the element `root`, and the fixed joints between
-        them. Return the name of the link at the joint's point, to which the mass properties `masses` of the body are
-        written.
+        them. Return the name of the link whose frame is that of the body's joint; the mass properties `masses` of the
+        body are written to this link.
         """
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
@@ -114,9 +114,9 @@ class _UrdfWriter:
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link that is fixed to the link `parent_link` to the element `root`, and return its name. It will
-        carry the joint `joint_name`; the name of its own fixed joint begins with the number `order`, by which readers
-        sort siblings.
+        """Add a link to the element `root`, fix it to the link `parent_link`, and return the name of the new link.
+        The new link will carry the joint `joint_name`; the name of its fixed joint begins with the number `order`, by
+        which readers sort siblings.
         """
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")

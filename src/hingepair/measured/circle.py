@@ -61,15 +61,16 @@ class Circle(NamedTuple):
     radius: float  # [m]
 
     def moved(self, step: Float64Array) -> Circle:
-        """Return the circle after a step of six numbers: two rotations of n [rad], a shift of the centre [m] in the
-        axes of `frame(n)` (three), and a change of the radius [m].
+        """Return the circle after a step of six numbers: two angles [rad] by which n turns towards the first and the
+        second axis of `frame(n)`, three shifts [m] of the centre along the axes of `frame(n)`, and a change of the
+        radius [m]. `frame` returns three orthonormal axes, of which n is the third.
         """
         centre = self.centre + frame(self.n) @ step[2:5]
         return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
 
     def relative_change(self, step: Float64Array) -> float:
-        """Return the largest number in a step of `moved`, after the shifts and the change of the radius were divided
-        by the diameter; rotations [rad] count as they are.
+        """Return the largest absolute value among the six numbers of a step of `moved`, after the shifts and the
+        change of the radius are divided by the diameter. Rotations [rad] count as they are.
         """
         return max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * self.radius))
 
@@ -83,9 +84,9 @@ class Circle(NamedTuple):
         return np.asarray(start / np.linalg.norm(start))
 
     def levers(self, gauge: str) -> tuple[Float64Array, Float64Array]:
-        """Return the tuple (u1, u2) of the levers (3,) of the hinge, from R1 to the hinge point and from the
-        moving point to it. `gauge`, "closest_to_R1" or "closest_to_R2", names the point on the axis that is the
-        hinge point.
+        """Return the tuple (u1, u2) of the levers (3,) of the hinge, in axes of body 1 at psi = 0: u1 leads from R1
+        to the hinge point, and u2 from the moving point to the hinge point. `gauge`, "closest_to_R1" or
+        "closest_to_R2", names the point on the axis that is the hinge point.
         """
         u1 = self.centre - (self.centre @ self.n) * self.n if gauge == "closest_to_R1" else self.centre
         return u1, u1 - self.centre - self.radius * self.zero_direction
@@ -118,7 +119,7 @@ class CircleFit(NamedTuple):
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
         """Return whether the motion determines the clock offset: whether the fit has converged, the residuals depend
         on the offset far more than they would by noise alone, and the offset is certain enough. `noise_poses` are
-        RelativePoses whose derivatives with respect to the offset are such noise.
+        RelativePoses whose derivatives with respect to the offset are noise alone.
         """
         k = _NUM_CIRCLE_PARAMETERS
         across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]
@@ -135,9 +136,10 @@ def fit_circle(
     poses: RelativePoses, loss: Loss | None, gauge: str, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> CircleFit:
     """Fit the most likely circle to the path of a point of body 2 relative to body 1 (`poses`); return a CircleFit.
-    `loss` reduces the weights of outliers; None means least squares. `gauge` names the hinge point on the axis. If
-    `poses_at`, a function of the clock offset and of the largest number of samples that returns RelativePoses, is
-    given, estimate the offset too, from the first value `offset` [s]. Raise FitError if the samples show no circle.
+    `loss`, a function that returns the derivatives of the loss, reduces the weights of outliers; None means least
+    squares. `gauge` names the hinge point on the axis. If `poses_at`, a function of the clock offset and of the
+    largest number of samples that returns RelativePoses, is given, estimate the offset too, from the first value
+    `offset` [s]. Raise FitError if the samples show no circle.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -314,8 +316,8 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
 
 def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle:
     """Return the circle with the least median distance from the samples p (N, 3), among the circles through
-    `num_triples` random triples of samples. Raise FitError for fewer than four samples, or if all triples are on
-    lines.
+    `num_triples` random triples of samples (fixed seed). The median is taken over samples thinned evenly. Raise
+    FitError for fewer than four samples, or if all triples are on lines.
     """
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")
@@ -352,8 +354,9 @@ def _circle_findings(
 ) -> list[Finding]:
     """Return a list of Finding objects on a fitted circle: outliers, systematic residuals, a large standard deviation
     of the axis or of the hinge point, and steps that did not converge. `neighbour_correlations` are the correlations
-    of residuals of neighbouring samples, out of the plane and in it. `is_outlier` marks samples, and `covariance`
-    (12, 12) is the covariance of the hinge in the given gauge. Findings that make the hinge unreliable come first.
+    of residuals of neighbouring samples, out of the plane and in it. `is_outlier` (N,) marks the outliers, and
+    `covariance` (12, 12) is the covariance of the hinge in the given gauge. Findings that make the hinge unreliable
+    come first.
     """
     findings = []
     if is_outlier.any():

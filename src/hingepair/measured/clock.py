@@ -61,8 +61,8 @@ class ClockedPoses:
         return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS, MIN_SAMPLES_PER_SMOOTHED_PIECE))
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
-        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time at a clock
-        offset. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that many.
+        """Return the indices of the recorded samples of body 1 that have a sample of body 2 near enough in time at a
+        clock offset. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that many.
         """
         return self._matched(offset, max_samples)[0]
 
@@ -96,8 +96,8 @@ class ClockedPoses:
     def _shifted_body2(
         self, sample_indices: NDArray[np.intp], time_shifts: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Return the positions R (M, 3) and the rotation matrices S (M, 3, 3) of the samples of body 2 with the
-        indices `sample_indices`, each moved along the smoothed motion by its time shift [s].
+        """Return the tuple of the positions R (M, 3) and the rotation matrices S (M, 3, 3) of the samples of body 2
+        with the indices `sample_indices`, each moved along the smoothed motion by its time shift [s].
         """
         v, omega, a, alpha = self._rates[:, sample_indices]
         dt = time_shifts[:, None]
@@ -167,9 +167,9 @@ class ClockedPoses:
         return min(scales, default=1.0)
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
-        """Scan clock offsets and return the one with the least misfit [s], the local minimum near 0, unless a distant
-        offset is clearly better. `misfit` is a function of RelativePoses that returns their negative log-likelihood
-        per sample.
+        """Scan clock offsets on both sides of 0 and return one of them [s]: the local minimum of the misfit that
+        descent from 0 reaches, or the global minimum if its misfit is clearly smaller. `misfit` is a function of
+        RelativePoses that returns their negative log-likelihood per sample.
         """
         duration = float(self._t[-1] - self._t[0])
         span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s

@@ -124,10 +124,11 @@ def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Arr
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows most
-    markers. `places` are the recorded positions (N, M, 3), and `is_seen` is 1 where a marker is seen, else 0. Places
-    of markers that this sample lacks are taken from other samples. Raise FitError if no sample shows such a marker
-    together with three markers whose places are known.
+    """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows the most
+    markers. The body's axes are the world axes at that sample, and the mean of the places is 0. `places` are the
+    recorded positions (N, M, 3), and `is_seen` (N, M) is 1 if a marker is seen, else 0. Places of markers that the
+    sample lacks are taken from other samples. Raise FitError if no sample shows such a marker together with three
+    markers whose places are known.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -156,9 +157,10 @@ def _check_not_on_line(cluster: Float64Array) -> None:
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances (N, M) of the markers from
-    their places on the body. `places` are the recorded positions of the markers (N, M, 3), `cluster` (M, 3) their
-    places on the body; `is_seen` (N, M) is 1 where a marker is seen, else 0.
+    """Return the tuple of R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances (N, M) of the
+    markers from their places on the body, 0 for a marker that is not seen. `places` are the recorded positions of the
+    markers (N, M, 3), `cluster` (M, 3) their places on the body; `is_seen` (N, M) is 1 where a marker is seen, else
+    0.
     """
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
@@ -177,8 +179,9 @@ def _fit_poses_and_places(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """Fit the poses of the body to the marker positions `places` and, if `refine_places`, alternately also the
-    markers' places on the body. `cluster` are the first places on the body, and `is_seen` is 1 where a marker is
-    seen, else 0. Return a tuple: R, S, the distances of the markers from their places, and the places.
+    markers' places on the body. `cluster` (M, 3) holds the first estimates of the places on the body, and `is_seen`
+    (N, M) is 1 if a marker is seen, else 0. Return the tuple of R (N, 3), S (N, 3, 3), the distances (N, M) of the
+    markers from their places, and the places (M, 3).
     """
     axes = None
     before = np.inf
@@ -206,9 +209,9 @@ def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
     """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
-    one moved; empty if the cluster is rigid. `places` are the marker positions, `is_seen` is 1 where a marker is
-    seen, `distances` (N, M) are the distances of the markers from their places on the body, and `cluster_size` is the
-    rms size of the cluster [m].
+    one moved. The list is empty if the cluster is rigid or has only three markers. `places` (N, M, 3) are the marker
+    positions, `is_seen` (N, M) is 1 if a marker is seen, `distances` (N, M) are the distances of the markers from
+    their places on the body, and `cluster_size` is the rms size of the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if (

@@ -176,9 +176,9 @@ def _outlier_findings(
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a list with at most one Finding, on the tilt between the hinge axes of both bodies, which says what
-    joint the motion shows if it is no hinge. The list is empty if the tilt is small. `turning` is the rms scatter of
-    the hinge angle [rad].
+    """Return a list with at most one Finding on the tilt between the hinge axes of both bodies. The Finding says
+    which joint the motion shows if it is not a hinge, or that the bodies turn too little relative to the noise of the
+    attitudes. The list is empty if the tilt is small. `turning` is the rms scatter of the hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
@@ -232,9 +232,9 @@ def _common_point_distance(poses: RelativePoses) -> float:
 def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
-    """Return a list with at most one Finding, on the motion of the hinge point in the bodies, such as sliding along
-    the axis or small play. The list is empty if the point stays fixed in both bodies. `lever_length` [m] is the
-    length with which the motion is compared.
+    """Return a list with at most one Finding on the motion of the hinge point in the bodies, such as sliding along
+    the axis, small play, or large noise. The list is empty if the point stays fixed in both bodies. `lever_length`
+    [m] is the length with which the motion is compared.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)
@@ -273,8 +273,8 @@ def _point_findings(
 
 
 class _PointMotion(NamedTuple):
-    """Size of the hinge point's motion relative to the bodies [m], and two templates of sentences that report it,
-    `no_hinge` for a motion too large for a hinge and `play` for small play.
+    """Size of the hinge point's motion relative to the bodies [m], and two templates of sentences with a field
+    `{size}` that report the motion: `no_hinge` if the motion is too large for a hinge, and `play` if it is small.
     """
 
     size: float  # rms [m]
@@ -298,7 +298,9 @@ def _rms_distance(p: Float64Array) -> float:
 
 
 class BodyPoses(NamedTuple):
-    """Positions (R1, R2) and attitudes (S1, S2) of both bodies at all samples, as the user gave them."""
+    """Positions R1 and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3) of both bodies at all samples, as the user
+    gave them.
+    """
 
     R1: NDArray[np.floating]  # shape (N, 3)
     S1: NDArray[np.floating]  # shape (N, 3, 3)
@@ -313,7 +315,7 @@ class BodyPoses(NamedTuple):
 
     def misfit(self) -> float:
         """Return how badly the closed-form hinge fits the poses, as one number: the median tilt of the axes [rad]
-        plus the ratio of the median gap at the hinge point to the rms distance of the bodies.
+        plus the ratio of the median gap at the hinge point to the rms distance between the bodies.
         """
         poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
         distance = _rms_distance(poses.p)
@@ -323,9 +325,9 @@ class BodyPoses(NamedTuple):
 
 
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
-    """Return a list with one sentence on a mistake in recorded poses (in units, in the order of axes or of
-    quaternions), if a hinge fits far better with this mistake corrected. The list is empty if no mistake is likely.
-    `body_poses` are the BodyPoses as recorded.
+    """Return a list with one sentence on a mistake in recorded poses, such as a wrong unit, exchanged axes,
+    transposed rotations or reordered quaternions, if a hinge fits far better with the mistake corrected. The list is
+    empty if no mistake is likely. `body_poses` are the BodyPoses as recorded.
     """
     every = slice(None, None, -(-body_poses.R1.shape[0] // _MAX_THINNED_SAMPLES_PER_RECORDING_MISTAKE_TRIAL))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
@@ -341,7 +343,7 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
 
 
 def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
-    """Yield pairs of a sentence on a common mistake in recorded poses, and the poses with that mistake corrected."""
+    """Yield pairs of a text on a common mistake in recorded poses and the poses with the mistake corrected."""
     for digit in "12":
         name = f"body{digit}"
         for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2)):

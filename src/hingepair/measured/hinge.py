@@ -60,7 +60,9 @@ class Hinge(NamedTuple):
 
     def moved(self, step: Float64Array) -> Hinge:
         """Return the hinge after a step of the nine parameters of the fit: rotations of n (2) and of m (2) [rad]
-        about directions across each axis, the shift of u1 (3), and the shift of u2 across m (2) [m].
+        towards the first two axes of `frame(n)` and `frame(m)`, shifts of u1 (3) along the axes of `frame(n)` [m],
+        and shifts of u2 (2) along the first two axes of `frame(m)` [m]. `frame` returns three orthonormal axes, of
+        which the given one is the third.
 
         Shifts along the axis count once, since only u1 - u2 is seen along it.
         """
@@ -69,8 +71,8 @@ class Hinge(NamedTuple):
 
 
 def sign_of(n: Float64Array) -> float:
-    """Return the sign (1 or -1) of the first component of n that is at least 0.45 times as large as the largest
-    one.
+    """Return the sign (1.0 or -1.0) of the first component of n whose absolute value is at least 0.45 times the
+    largest absolute value.
     """
     return (
         1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_DECIDING_AXIS_COMPONENT_TO_LARGEST * np.abs(n).max())] > 0 else -1.0
@@ -94,16 +96,15 @@ def frame(axis: Float64Array) -> Float64Array:
 
 
 def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """Return the unit vector that `axis` becomes by a step of two angles [rad], towards the first and the second axis
-    of `frame(axis)`.
+    """Return the unit vector into which `axis` turns by a step of two small angles [rad], towards the first and the
+    second column of `frame(axis)`.
     """
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
 
 
 def first_axis_across(n: Float64Array) -> int:
-    """Return the index of the first coordinate axis on which the component of the unit vector n is smaller than 0.65
-    in size.
+    """Return the index (0, 1 or 2) of the first component of the unit vector n whose absolute value is below 0.65.
 
     Every unit vector has such a component. It fixes the direction of psi = 0 for a point, and the axis of the half
     turn that home begins with; after that half turn, axes that were opposite are less than a right angle apart.
@@ -113,8 +114,8 @@ def first_axis_across(n: Float64Array) -> int:
 
 def home_of(hinge: Hinge) -> Float64Array:
     """Return `home`, the rotation matrix (3, 3) of body 2 relative to body 1 at psi = 0, for the axes n and m of a
-    Hinge. It is the rotation by the least angle that turns m into n. If m and n are nearly opposite, a half turn
-    about a coordinate axis of body 2 comes before it.
+    Hinge. It is the rotation by the smallest angle that turns m into n. If m and n are nearly opposite, a half turn
+    about a coordinate axis of body 2 comes first.
 
     The motion does not show where psi = 0 is. Where the axes are nearly opposite, noise would choose among the
     rotations by the least angle; after the half turn, about a coordinate axis of body 2, there is only one.
@@ -136,7 +137,7 @@ def _half_turn_before(hinge: Hinge) -> Float64Array:
 
 
 def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
-    """Return the rotation matrix (3, 3) of the least angle that turns the unit vector m into the unit vector n.
+    """Return the rotation matrix (3, 3) of the smallest angle that turns the unit vector m into the unit vector n.
     The result is undefined for opposite vectors.
     """
     half = m + n
@@ -165,8 +166,9 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the hinge axis from the `frame` of n in body 1 to the `frame` of m in body 2, at
-    psi = 0. `home` is the rotation matrix of body 2 relative to body 1 there.
+    """Return the angle [rad] about the hinge axis, at psi = 0, from the first column of `frame(n)`, which is fixed in
+    body 1, to the first column of `frame(m)`, which is fixed in body 2. `home` is the rotation matrix of body 2
+    relative to body 1 at psi = 0.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

@@ -220,7 +220,7 @@ class HingeFit(Shown):
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
     def _residual_text(self) -> str:
-        """Return the rms residuals of position and, if known, of the angle as text."""
+        """Return the rms residuals of the position [mm] and, if known, of the angle [deg] as text."""
         if np.isnan(self.rms_angle):
             return f"left: {1e3 * self.rms_position:.3g} mm rms"
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
@@ -535,10 +535,10 @@ def _fit_of_point(
 def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Fit a circle to a point of body 2; return the CircleFit and the ClockedPoses used. The ClockedPoses are None if
-    `clock_offset`, the offset that the user gave, is 0, or if it is None and the offset cannot be determined. `loss`
-    is a function or None for least squares; `gauge` names the hinge point on the axis. Raise FitError if the samples
-    show no circle, ArgumentError for an unusable clock offset.
+    """Fit a circle to a point of body 2; return a tuple of the CircleFit and the ClockedPoses used. The ClockedPoses
+    are None if `clock_offset`, the offset that the user gave, is 0, or if it is None and the offset cannot be
+    determined. `loss` is a function or None for least squares; `gauge` names the hinge point on the axis. Raise
+    FitError if the samples show no circle, ArgumentError for an unusable clock offset.
     """
     clock = _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
@@ -659,9 +659,9 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
 def _encoder_fit(
     encoder_line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
-    """Return an EncoderFit, zero, scale and noise of the encoder with standard deviations, from the fitted
-    EncoderLine `encoder_line`, the relative poses, the covariance in `residuals` and the Noise `noise`. The zero is
-    counted from psi = 0 of the fitted hinge.
+    """Return an EncoderFit with the zero, the scale and the noise of the encoder and with standard deviations, from
+    the fitted EncoderLine `encoder_line`, the relative poses, the covariance in `residuals` and the Noise `noise`.
+    The zero is counted from psi = 0 of the fitted hinge.
     """
     off = encoder_line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
@@ -682,8 +682,8 @@ def _encoder_fit(
 
 def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
     """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by central
-    differences at a Hinge and some relative poses. The zero depends on the axes because they determine where psi = 0
-    is.
+    differences at a Hinge and its relative poses. The zero depends on the axes n and m because they determine where
+    psi = 0 is.
     """
     some = poses.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT)
     changes = []

@@ -437,9 +437,10 @@ def _point_and_biases(
     bias_stds: Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Fit the levers (u1, u2) and the biases of both sensors by least squares. Return these unknowns in one array
-    (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0.
-    `forces`, `rates` and `rate_derivatives` are lists of two arrays (N, 3), one for each sensor; `bias_stds` (12,)
-    are the expected sizes of the biases.
+    (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0. The
+    biases and the weights are 0 if no bias is expected or rounding explains the residuals. `forces`, `rates` and
+    `rate_derivatives` are lists of two arrays (N, 3), one for each sensor; `bias_stds` (12,) are the expected sizes
+    of the biases.
 
     The biases are those of both accelerometers, then of both gyroscopes. A weight is the standard deviation of a
     residual divided by that of the bias.
@@ -473,8 +474,9 @@ def _lever_noise_matrix(
     forces: list[Float64Array], gammas: list[Float64Array], u: Float64Array, deviations: list[Float64Array]
 ) -> Float64Array:
     """Return the matrix (6, 6) that noise of the angular accelerations adds to the normal matrix of the levers `u` =
-    (u1, u2). Of both bodies, `forces` are the specific forces (N, 3), `gammas` the matrices of
-    `acceleration_matrices`, and `deviations` the standard deviations (N,) of the angular accelerations.
+    (u1, u2). For each of the two bodies, `forces` holds the specific forces (N, 3), `gammas` the matrices (N, 3, 3)
+    that convert a lever to an acceleration, and `deviations` the standard deviations (N,) of the angular
+    accelerations.
     """
     noise = np.zeros((6, 6))
     for rows, force, gamma, deviation in zip((slice(0, 3), slice(3, 6)), forces, gammas, deviations, strict=True):
@@ -494,8 +496,8 @@ def _derivatives_without_biases(
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return the derivatives of the residuals with respect to the k = `num_parameters` parameters, without the part
     that a change of the b biases could explain: an array for the samples (N, k), one for the priors (b, k), and the
-    standard deviations of the biases (b,). `prior` holds the weights of the priors and `bias_stds` their standard
-    deviations; if all weights are 0, the derivatives are returned as they are.
+    standard deviations of the biases (b,). `prior` holds the weights of the priors and `bias_stds` the expected sizes
+    of the biases. If all weights are 0, the derivatives and `bias_stds` are returned unchanged.
 
     Args:
         derivatives: of the residuals by the k parameters and b biases, priors of biases last; (N + b, k + b), or
@@ -530,10 +532,10 @@ def _force_residual_function(
     rate_derivatives: list[Float64Array],
     prior: Float64Array | None = None,
 ) -> Linearise:
-    """Return a function of the levers (u1, u2) that gives residuals (N,), the differences between the sizes of the
-    two forces at the hinge point, and their derivatives (N, 6). `forces`, `rates` (angular velocities) and
-    `rate_derivatives` are lists of two arrays (N, 3), one for each sensor. With `prior`, the weights of priors,
-    biases are further unknowns.
+    """Return a function of the levers (u1, u2), one array (6,), that returns residuals (N,) and their derivatives (N,
+    6). A residual is the difference between the sizes of both specific forces at the hinge point. `forces`, `rates`
+    (angular velocities) and `rate_derivatives` are lists of two arrays (N, 3), one for each sensor. With `prior`, the
+    weights of priors, biases are further unknowns.
 
     With priors the biases of both accelerometers and of both gyroscopes are unknowns too; then the shapes are
     (N + 12,) and (N + 12, 18).
@@ -572,8 +574,8 @@ def _force_residual_function(
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     """Return a list of pairs (n1, n2) of axes, shape (2, 3) each, from which fits start: the solution of linear least
-    squares in n n^T, the principal axes of the angular velocities, and random axes. `w1` and `w2` are angular
-    velocities (N, 3).
+    squares in n n^T, the principal axes of the angular velocities, and ten random pairs (fixed seed). `w1` and `w2`
+    are angular velocities (N, 3).
     """
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
     size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
@@ -586,9 +588,9 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
 
 
 def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
-    """Return a function of the axes (n1, n2) that gives residuals (N,), the differences between the sizes of the two
-    angular rates across the axes, and their derivatives (N, 4). `w1` and `w2` are the measured angular velocities (N,
-    3). With `prior`, the weights of priors, biases are further unknowns.
+    """Return a function of the axes (n1, n2), one array (2, 3), that returns residuals (N,) and their derivatives (N,
+    4). A residual is the difference between the sizes of both angular velocities across the axes. `w1` and `w2` are
+    the measured angular velocities (N, 3). With `prior`, the weights of priors, biases are further unknowns.
 
     The derivatives are by two turns of each axis across itself. With priors the function is one of (n1, n2, bias1,
     bias2), and the shapes are (N + 6,) and (N + 6, 10).
@@ -618,8 +620,8 @@ def _rate_residual_function(w1: Float64Array, w2: Float64Array, prior: Float64Ar
 
 
 def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Array:
-    """Return the rows of `axes`, both axes and the biases, if any, after a step. The step holds two rotations [rad]
-    of each axis, then the changes of the biases.
+    """Return `axes` after a step: an array (2, 3) of the axes n1 and n2, or (4, 3) if the biases of both sensors
+    follow. The step holds two rotations [rad] of each axis, then the changes of the biases.
     """
     tilted_axes = np.stack(
         [tilt_axis(n, rotations) for n, rotations in zip(axes[:2], step[:4].reshape(2, 2), strict=True)]
@@ -628,9 +630,10 @@ def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Arra
 
 
 def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
-    """Return the correlation between changes of the hinge angle, computed from the rates across the axis, and the
-    integrated rate about the axis. It is positive if the signs of n1 and n2 fit each other. `omega1` and `omega2` are
-    the angular velocities (N, 3) in the axes of their bodies.
+    """Return the correlation between two estimates of the changes of the hinge angle: one from the angular velocities
+    across the axis, the other from the integrated angular velocity about the axis. It is positive if n1 and n2 point
+    in the same direction along the axis. `omega1` and `omega2` are the angular velocities (N, 3) in the axes of their
+    bodies.
 
     Changes are taken over one, four, sixteen ... steps and the largest correlation counts: over few steps noise
     exceeds the change, over many the angle turns around.
@@ -659,9 +662,9 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
 def _fit_from_starts(
     linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution that the best of several starts leads to, and its residuals. `linearise` is a
-    function of the unknowns that returns residuals and derivatives; `linearise_few`, the same on fewer samples,
-    compares the starts. `move` is a function that returns the unknowns after a step.
+    """Return a tuple of the least-squares solution that the best of several starts leads to and the residuals there.
+    `linearise` is a function of the unknowns that returns residuals and derivatives; `linearise_few`, the same on
+    fewer samples, compares the starts. `move` is a function that returns the unknowns after a step.
     """
     tried = [_levenberg_marquardt(linearise_few, move, start, max_steps=12) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
@@ -670,9 +673,9 @@ def _fit_from_starts(
 def _levenberg_marquardt(
     linearise: Linearise, move: Move, start: Float64Array, max_steps: int = 60
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the least-squares solution that the Levenberg-Marquardt method reaches from a start in at most
-    `max_steps` steps, and its residuals. `linearise` is a function of the unknowns that returns residuals and
-    derivatives; `move` is a function that returns the unknowns after a step.
+    """Return a tuple of the least-squares solution that the Levenberg-Marquardt method reaches from a start in at
+    most `max_steps` steps and the residuals there. `linearise` is a function of the unknowns that returns residuals
+    and derivatives; `move` is a function that returns the unknowns after a step.
     """
     unknowns, (residuals, derivatives) = start, linearise(start)
     cost, damping = float(residuals @ residuals), 1e-3
@@ -706,8 +709,8 @@ def _covariance(
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Return the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the parameters
     that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal matrix, and
-    `min_signal` the least ratio of the normal matrix to it for a determined direction. `prior_rows` are derivatives
-    of the priors.
+    `min_signal` the minimum ratio of the normal matrix to `noise` in a determined direction. `prior_rows` (b, k) are
+    the derivatives of the priors.
 
     Noise in the derivatives adds to the normal matrix, by which parameters come out too small. The matrix without
     that noise says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores

@@ -202,10 +202,10 @@ class _AngleEstimate(NamedTuple):
 def _angles_between(
     vectors1: Float64Array, vectors2: Float64Array
 ) -> tuple[tuple[Float64Array, Float64Array], float]:
-    """Return ((angles, variances), noise). The angles (N,) [rad] are measured about the axis between a vector in body
-    1 (`vectors1`, (N, 3), in the axes of `frame`) and the same vector in body 2 (`vectors2`). Their variances (N,)
-    are inf if the vector is too short. `noise` is the standard deviation of the difference between both sensors'
-    readings.
+    """Return ((angles, variances), noise). The angles (N,) [rad] lead from `vectors2` to `vectors1` (N, 3) about the
+    third axis. Both arrays hold the same vectors, seen in body 1 and in body 2, each in axes of which the third is
+    the hinge axis. The variances (N,) of the angles are inf if either vector is too short across the hinge axis.
+    `noise` is the rms difference between the lengths of both vectors across the hinge axis.
     """
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (vectors1, vectors2))
     sizes = np.abs(a), np.abs(b)
@@ -260,8 +260,8 @@ def _most_likely_angle(
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
-    """Return a first estimate of the angle (N,) without jumps by 2 pi, the angles `integrated_rates` (N,) with their
-    slow drift corrected by the measured angles (k, N). `precision` is the inverse of the variances of these angles.
+    """Return a first estimate (N,) of the hinge angle without jumps by 2 pi: the integrated rates (N,), of which the
+    measured `angles` (k, N) correct the slow drift. `precision` (k, N) is the inverse of the variances of `angles`.
     """
     off = (precision * np.exp(1j * (angles - integrated_rates))).sum(axis=0)
     if not precision.any():
@@ -281,10 +281,10 @@ def _solve_smoother(
     angles: Float64Array,
     bias_std: float,
 ) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
-    """Return the angles (N,) of weighted least squares, their standard deviations (N,), and a pair of the rate's bias
-    and its standard deviation. `steps_of_angle` are measured changes over the times dt between samples, `angles` (k,
-    N) measured angles; `step_weights` and `angle_weights` are inverse variances, and `bias_std` is the standard
-    deviation of the bias beforehand.
+    """Return a tuple of the hinge angles (N,) of weighted least squares, their standard deviations (N,), and a pair
+    of the rate's bias and the standard deviation of the bias. `steps_of_angle` (N - 1,) are the measured changes over
+    the times dt between samples, and `angles` (k, N) are the measured angles. `step_weights` and `angle_weights` are
+    inverse variances, and `bias_std` is the standard deviation of the bias before the fit.
     """
     from scipy.linalg import solveh_banded
 

@@ -88,8 +88,8 @@ class Noise(NamedTuple):
 
 
 class EncoderLine(NamedTuple):
-    """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle is
-    counted from the `frame` of n in body 1 to the `frame` of m in body 2.
+    """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle psi
+    leads from the first column of `frame(n)`, fixed in body 1, to the first column of `frame(m)`, fixed in body 2.
     """
 
     zero: float  # [rad]
@@ -97,9 +97,10 @@ class EncoderLine(NamedTuple):
 
 
 class SampleResiduals(NamedTuple):
-    """Residuals of the hinge constraints E1 and E2 (`tilt`, `gap`) and of the encoder (`turn`) at a block of samples,
-    in axes along the hinge, with the relative poses (`q`, `p`), levers and noise from which their covariance is
-    computed, and derivatives with respect to the clock offset (`offset_derivatives`).
+    """Residuals of the hinge constraints, which are the tilt between the axes (`tilt`, E2) and the gap at the hinge
+    point (`gap`, E1), and of the encoder (`turn`) at a block of M samples, in axes of which the third is the hinge
+    axis. Further fields are the relative poses (`q`, `p`), levers and noise from which their covariance is computed,
+    and derivatives with respect to the clock offset (`offset_derivatives`).
     """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -115,15 +116,15 @@ class SampleResiduals(NamedTuple):
 
     @property
     def psi(self) -> Float64Array:
-        """Return the angle about the hinge axis from the `frame` of n in body 1 to the `frame` of m in body 2
-        [rad], within [-pi, pi]; shape (M,).
+        """Return the angle [rad] about the hinge axis from the first column of `frame(n)`, fixed in body 1, to the
+        first column of `frame(m)`, fixed in body 2, within [-pi, pi]; shape (M,).
         """
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
         """Return three values: the variance of the relative position [m^2], the variance of the relative attitude
-        [rad^2], and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if samples
-        have noise of their own.
+        [rad^2], and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if the user
+        gave the noise of every sample.
         """
         if self.relative_noise is None:
             return noise.place, noise.attitude, 0.5
@@ -317,8 +318,9 @@ def fit_encoder_line(
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
-    """Return the change of psi [rad], at equal `poses`, that is caused by the rotation of the `frame` axes when the
-    hinge changes from `before` to `after`; the median over the poses.
+    """Return the change of psi [rad] when the hinge changes from `before` to `after` at equal `poses`, as the median
+    over the poses. The change arises because psi is counted between axes that depend on the hinge, the first columns
+    of `frame(n)` and `frame(m)`.
     """
     first, second = (
         np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)]) for hinge in (before, after)
@@ -328,8 +330,8 @@ def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float
 
 
 def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
-    """Return a list of candidate slopes d psi / d reading of an encoder: 1, -1, the slope of a straight line
-    through all samples, and the median slope between successive samples.
+    """Return a list of candidate slopes d psi / d reading of an encoder: 1, -1, the slope of a straight line through
+    all samples, and the median slope between successive samples. The last two are missing if all readings are equal.
     """
     slopes = [1.0, -1.0]
     steps, turned = np.diff(reading), np.angle(np.exp(1j * np.diff(psi)))
@@ -393,10 +395,10 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 
 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
-    """Return whether the motion determines the clock offset as well as all other parameters. `poses` have derivatives
-    with respect to the offset; the derivatives of `noise_poses` are noise alone, and must inform far less on the
-    offset. `estimate` is the Estimate of the hinge; `loss` is a function that returns derivatives of the loss, or
-    None for least squares.
+    """Return whether the motion determines the clock offset beside all other parameters: whether the derivatives of
+    `poses` with respect to the offset inform far more on the offset than those of `noise_poses`, which are noise
+    alone, and the offset is certain enough. `estimate` is the Estimate of the hinge; `loss` is a function that
+    returns derivatives of the loss, or None for least squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]
@@ -543,9 +545,9 @@ def num_neighbours_to_sum_and_unresolved_lag(scores: Float64Array) -> tuple[int,
 def iterate_residuals(
     poses: RelativePoses, hinge: Hinge, encoder_line: EncoderLine | None = None
 ) -> Iterator[tuple[slice, SampleResiduals]]:
-    """Yield the residuals of the hinge constraints E1 and E2 for relative poses block by block, as pairs of the slice
-    of samples and their SampleResiduals. If `encoder_line`, an EncoderLine, is given, these include the residuals of
-    the encoder.
+    """Yield the residuals of the hinge constraints for relative poses block by block, as pairs of the slice of the
+    samples and their SampleResiduals. If `encoder_line`, an EncoderLine, is given, the residuals of the encoder are
+    included.
     """
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
@@ -625,9 +627,9 @@ def _estimate_noise(
     encoder_line: EncoderLine | None = None,
 ) -> Noise:
     """Return the Noise estimated from the residuals of relative poses for a Hinge, by maximum likelihood if `loss` is
-    None, otherwise by medians. The medians leave out outliers, which `previous_noise` reveals unless it is None. No
-    variance is smaller than the variance of rounding errors. With `encoder_line`, an EncoderLine, the noise of the
-    encoder is estimated too.
+    None, otherwise by medians. The medians leave out samples whose residuals are far larger than `previous_noise`,
+    unless `previous_noise` is None. No variance is smaller than the variance of rounding errors. With `encoder_line`,
+    an EncoderLine, the noise of the encoder is estimated too.
 
     The variance of positions is what the gaps show beyond the effect of the attitudes.
     """

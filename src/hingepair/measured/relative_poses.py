@@ -45,7 +45,7 @@ class RelativePoses(NamedTuple):
         return self.weights.size
 
     def thinned(self, max_samples: int) -> RelativePoses:
-        """Return the relative poses of every k-th sample, with the least k that leaves at most `max_samples`."""
+        """Return the relative poses of every k-th sample, with the smallest k that leaves at most `max_samples`."""
         step = -(-self.samples // max_samples)
         if step == 1:
             return self
@@ -81,7 +81,8 @@ def compute_relative_poses(
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
     """Return the least-squares Hinge of relative poses in closed form: the axes n and m that minimise the differences
-    between n and Q m, and for these axes the levers that minimise the gaps at the hinge point (E1).
+    between n and Q m, and for these axes the levers that minimise the gaps at the hinge point (E1). The hinge point
+    is equally far along the axis from both bodies' reference points.
     """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)
@@ -96,9 +97,9 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
 
 
 def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the Hinge with the least median residuals among candidates (Rousseeuw 1984). Candidates are the
-    closed-form hinge of the relative poses and hinges of random pairs of samples; up to half of the samples may be
-    outliers.
+    """Return the Hinge with the smallest median residuals among candidates (Rousseeuw 1984). The candidates are the
+    closed-form hinge of the relative poses and the hinges of random pairs of samples (fixed seed). Up to half of the
+    samples may be outliers.
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
@@ -126,7 +127,7 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 def _hinges_of_sample_pairs(
     poses: RelativePoses, first_indices: NDArray[np.intp], second_indices: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return a tuple of n, m, u1 and u2, (k, 3) each, of the hinges that pairs of samples of relative poses
+    """Return a tuple of arrays n, m, u1 and u2, each (k, 3), of the hinges that pairs of samples of relative poses
     determine. `first_indices` and `second_indices` are the indices of the samples of each pair. Pairs between which
     body 2 turns by less than a degree are left out.
     """

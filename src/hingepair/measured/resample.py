@@ -140,8 +140,8 @@ def interpolated(
     t: Float64Array, values: Float64Array, new_instants: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
     """Return `values`, columns or (if `rotations`) rotation matrices, recorded at increasing instants t and
-    interpolated at `new_instants`. The result is NaN before and after the recording, and between samples that are
-    more than `gaps` seconds apart.
+    interpolated at `new_instants`. Samples that are not finite are left out. The result is NaN before and after the
+    recording, and between samples that are more than `gaps` seconds apart.
     """
     result = np.full((new_instants.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
@@ -170,8 +170,9 @@ def _interpolated_columns(weights: Float64Array, neighbours: Float64Array) -> Fl
 
 
 def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return rotations (N, 3, 3) interpolated between `neighbours`, k rotations each (N, k, 3, 3), with weights (N,
-    k), in the rotation vectors relative to one neighbour. If a weight is 1, that neighbour itself is returned.
+    """Return rotations (N, 3, 3), each interpolated between k rotations, `neighbours` (N, k, 3, 3): the rotation
+    vectors relative to one neighbour are added up with weights (N, k). If a weight is 1, that neighbour itself is
+    returned.
     """
     base = neighbours[:, min(1, neighbours.shape[1] - 1)]
     theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ neighbours)
@@ -182,8 +183,8 @@ def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> 
 
 
 def _lagrange_weights(nodes: Float64Array) -> Float64Array:
-    """Return Lagrange weights, shape (..., k): the polynomial through values at k distinct nodes has, at 0, the
-    weighted sum of these values.
+    """Return the Lagrange weights (..., k) for interpolation at 0: the polynomial through values at k distinct
+    `nodes` has a value at 0 that is the sum of the values with these weights.
     """
     weights = np.ones_like(nodes)
     for i, j in itertools.permutations(range(nodes.shape[-1]), 2):

@@ -51,9 +51,9 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a list of sentences, one for the positions or the attitudes if the standard deviation of the
-        estimated `noise` differs by more than a factor of 1.5 from the noise that `noise1` and `noise2` of `fit`
-        state. The list is empty if neither does.
+        """Return a list of sentences, one for the positions and one for the attitudes. Each is given only if the
+        standard deviation of the estimated `noise` differs by more than a factor of 1.5 from the noise that the
+        arguments `noise1` and `noise2` of `fit` state.
         """
         if self.mean_noise is None:
             return []
@@ -149,9 +149,9 @@ def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
 ) -> tuple[Float64Array | None, Noise | None]:
     """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. `noise1` and `noise2` are
-    pairs of standard deviations of position and attitude. The rows are the variances of position and of attitude
-    divided by their means, and the fraction of the attitude variance that is due to body 1. Return (None, None)
-    without noise; raise ArgumentError for unusable noise.
+    pairs of standard deviations of position and attitude. The rows of the array are the variances of position and of
+    attitude divided by their means, and the fraction of the attitude variance that is due to body 1. Return (None,
+    None) if both are None. Raise ArgumentError for unusable noise.
     """
     if noise1 is None and noise2 is None:
         return None, None

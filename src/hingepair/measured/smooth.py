@@ -252,8 +252,8 @@ def smoothed_arrays(
 ) -> tuple[dict[str, Float64Array], dict[str, SmoothedColumns]]:
     """Smooth positions R (N, 3) and attitudes S (N, 3, 3). Return a dict of the arrays R, v, a, S, omega and alpha,
     and a dict of the SmoothedColumns of R and S, which hold bandwidths and standard deviations. A bandwidth [Hz] of
-    None is chosen from the samples; `gaps` is the longest time without samples that is filled [s]; with `loss`, a
-    function, outliers count little.
+    None is chosen from the samples; `gaps` is the longest time without samples that is filled [s]. With `loss`, a
+    function, outliers count little. Raise ArgumentError if no piece between gaps is long enough.
     """
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
@@ -330,7 +330,8 @@ def _smooth_angle(
 ) -> SmoothedAngle:
     """Smooth a recorded angle psi (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. A
     bandwidth of None is chosen from the samples; with `loss`, a function, outliers count little. Warn if noise,
-    outliers or earlier filtering make the result doubtful.
+    outliers or earlier filtering make the result doubtful. Raise ArgumentError if no piece between gaps is long
+    enough.
     """
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
@@ -367,8 +368,8 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return a dict by the three given names of the noise of the samples and of the noise that remains in both
-    derivatives, from the SmoothedColumns `smoothed`.
+    """Return a dict whose keys are the three `names`, of standard deviations of noise: of the samples, and of the
+    first and the second derivative (medians), from the SmoothedColumns `smoothed`.
     """
     return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
 
@@ -408,8 +409,8 @@ def _noise_suspicions(
     names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
 ) -> list[str]:
     """Return a list with one sentence that names the derivatives, among `names`, that are mostly noise. `arrays` and
-    `noise` are dicts of the derivatives and of the standard deviations of their noise. The list is empty if no
-    derivative is mostly noise.
+    `noise` are dicts, by name, of the derivatives and of the standard deviations of their noise. The list is empty if
+    no derivative is mostly noise.
     """
     noisy_derivatives = []
     for letter in names:

@@ -113,8 +113,9 @@ def smooth_columns(
     loss: Loss | None = None,
 ) -> SmoothedColumns:
     """Smooth columns (N, k) with a smoothing spline in each of `pieces` (index arrays), and return SmoothedColumns
-    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation; with `loss`, a
-    function, outliers count little, each sample as a whole. Raise MissingDependencyError without SciPy.
+    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation. With `loss`, a
+    function, outliers count little; all columns of a sample have the same weight. Raise MissingDependencyError
+    without SciPy.
 
     A piece has at least MIN_SAMPLES_PER_SMOOTHED_PIECE samples, all of them finite.
     """
@@ -213,7 +214,7 @@ def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
 ) -> SmoothingModel:
     """Return the SmoothingModel for a given correlation of the noise of neighbouring samples. Its bandwidth is 1.1
-    times the bandwidth of the least generalised cross-validation score. `times` are the instants of each piece,
+    times the bandwidth with the lowest generalised cross-validation score. `times` are the instants of each piece,
     `values` the samples of all pieces (N, k) with their weights.
     """
     count = values.shape[0]
@@ -249,8 +250,8 @@ def _cross_validated_model(
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays: the parts of a piece, itself an index array, without missing samples, since a
-    spectrum needs even steps.
+    """Return a list of index arrays, into which a piece, itself an index array, is split wherever samples are
+    missing. A spectrum needs even steps.
     """
     steps = np.diff(t[piece])
     return np.split(
@@ -435,9 +436,9 @@ class SmoothingSpline:
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None if it is so
-    already. `times` are the instants of each piece, and `step` is the usual time step [s], to which `correlation`
-    refers. The variances are inverse to `weights` (None for equal ones).
+    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None if the noise
+    has both properties already. `times` are the instants of each piece, and `step` is the time step [s] to which
+    `correlation` refers. The variances are inversely proportional to `weights`; None means equal weights.
     """
     from scipy.sparse import diags_array
 
