@@ -115,8 +115,9 @@ class CompilationError(HingePairError, RuntimeError):
 
 
 def shorten(value: object) -> str:
-    """Return a value as one short line of text for a message: its repr without line breaks, or a text itself, cut
-    after 120 characters; of a large array only the shape. The work is bounded however large the value is.
+    """Return a value as one line of text for a message: a string as it is, anything else by its repr, without line
+    breaks and cut to 120 characters; for an array of more than 120 elements, only its shape. The work is bounded
+    however large the value is.
     """
     if getattr(value, "size", 0) > _MAX_VALUE_TEXT_LENGTH and hasattr(value, "shape"):  # its text would be cut
         return f"an array of shape {value.shape}"
@@ -128,8 +129,8 @@ def shorten(value: object) -> str:
 
 
 def _brief(value: object) -> str:
-    """Return the repr of a value, shortened: of a long collection only its first items, of a long text its two ends.
-    An integer with too many digits is described by its type.
+    """Return the repr of a value, shortened: of a long collection only the first 30 items, of a long string only its
+    two ends. An integer with too many digits to be written is described by its type.
     """
     brief = reprlib.Repr()
     brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_VALUE_TEXT_LENGTH // 4
@@ -146,8 +147,8 @@ def quoted(value: object) -> object:
 
 
 def nearest(name: str, known_names: Collection[str]) -> str:
-    """Return ` (nearest: NAME)` for a name that was probably misspelt, or an empty text where none of the known names
-    resembles it or contains it.
+    """Return ` (nearest: NAME)` with the one of the known names that is most similar to a misspelt `name`, or else
+    contains it; an empty string if there is none.
     """
     import difflib
 
@@ -159,15 +160,17 @@ def nearest(name: str, known_names: Collection[str]) -> str:
 
 
 def choices(names: Sequence[str]) -> str:
-    """Return `one of a, b, c` for messages; of more than 64 names only the first 32 are listed."""
+    """Return `one of a, b, c` for messages. Of more than 64 names, the text gives the number and only the first 32.
+    """
     if len(names) <= 64:
         return "one of " + ", ".join(names)
     return f"one of {len(names)} names: {', '.join(names[:32])}, ..."
 
 
 def line_with_caret(line: str, column: int) -> str:
-    """Return a line and, in a second line, a caret under a column, counted from 1. Of a long line, only the 60
-    characters before the column and the 61 from it on are kept.
+    """Return text of two lines, both indented by two spaces: `line` with escaped control characters, and a caret
+    under the character at `column`, counted from 1. Of a long line, only the 60 characters before the column and the
+    61 from it on are kept.
 
     >>> print(line_with_caret("psi = 2*", 9))
       psi = 2*

@@ -151,9 +151,9 @@ def angular_velocity_from_samples(
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
     """Return a list of arrays (..., N, 3), the first `count` time derivatives of the rotation vector at the samples S
-    at instants t: [omega], or [omega, alpha] if `count` is 2. The error of the finite differences is proportional to
-    the time step to the power `order`. Raise ArgumentError where samples that are used together differ by a turn of
-    pi or more.
+    at instants t: [omega], or [omega, alpha] if `count` is 2, both in world axes. The error of the finite differences
+    is proportional to the time step to the power `order`. Raise ArgumentError if two samples that are used together
+    differ by a turn of pi or more.
     """
     turned_angles = _turned_angles(S)
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
@@ -173,15 +173,16 @@ def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, c
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """Return the rotation vectors (..., 3), in world axes, that turn the rotation matrices `start` into the rotation
-    matrices `stop`.
+    """Return the rotation vectors (..., 3) [rad], in world axes, that turn the rotation matrices `start` into the
+    rotation matrices `stop`.
     """
     return rotation_vector(stop @ np.swapaxes(start, -1, -2))
 
 
 def _turned_angles(S: Float64Array) -> Float64Array:
-    """Return for each of the samples S (..., N, 3, 3) the sum of the angles of all turns from one sample to the next
-    before it [rad], an array (..., N). Turns that are NaN count as 0.
+    """Return the angle [rad] that the body has turned from the first sample to each of the samples S (..., N, 3, 3),
+    an array (..., N) that begins with 0. It is the sum of the angles, each at most pi, between consecutive samples;
+    an angle that is NaN counts as 0.
     """
     angles = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
@@ -191,9 +192,9 @@ def _turned_angles(S: Float64Array) -> Float64Array:
 
 
 def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
-    """Raise ArgumentError if an angle (..., samples) is pi or more. `angles` holds the angle from each sample to its
-    farthest neighbour used, whose rotation vector is ambiguous from pi on; `sample_indices` are the indices of the
-    samples, for the message.
+    """Raise ArgumentError if an angle (..., samples) [rad] is pi or more. `angles` holds, for each sample, the angle
+    to the farthest sample that is used together with it; the rotation vector is ambiguous from pi on.
+    `sample_indices` are the indices of the samples, for the message.
     """
     bad = np.argwhere(angles >= np.pi)
     if bad.size:

@@ -29,8 +29,9 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
-    """Return the limit of abs(cos phi_y), or of abs(sin phi_y) for proper sequences such as XYX, below which angles
-    are taken to be at gimbal lock: 1e-12, or 5e-4 if the argument `array` has the dtype float32.
+    """Return the limit of the absolute value of the middle angle's cosine (for proper sequences such as XYX, of its
+    sine) below which angles are taken to be at gimbal lock: 1e-12, or 5e-4 if the argument `array` has the dtype
+    float32.
 
     Below it, the rounding of the angles, or of the matrix, leaves fewer than four correct digits of the rates.
     """
@@ -113,8 +114,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles_and_lock(values: Named) -> Named:
-        """Return a dict of "phi", the Euler angles of S, and "lock", the sine or cosine of the middle angle that is 0
-        at gimbal lock. `values` is a dict from "S" to a tuple of nine entries.
+        """Return a dict of "phi", a tuple of the three Euler angles of the rotation S, and "lock", the absolute value
+        of the middle angle's cosine (in proper sequences, of its sine), which is 0 at gimbal lock. `values` is a dict
+        from "S" to a tuple of nine entries.
         """
         S_entries = values["S"]
         canonical = nine(S_entries[3 * i + j] for i in back for j in back)
@@ -156,8 +158,9 @@ def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
     """Return an array (..., 3, 3) of the matrices that the function `matrix_of_trig` computes for Euler angles phi.
-    It is called with the Sequence and with the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical
-    angles, and returns nine entries. `sequence` is the name of the sequence.
+    `matrix_of_trig` takes the Sequence and the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical
+    angles, and returns nine entries. Raise ArgumentError for angles of a wrong shape, or if `sequence` is not the
+    name of a sequence.
     """
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
@@ -221,9 +224,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates of the three canonical angles of a Sequence for the angular velocity `omega` in world axes
-    (E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The rates are not finite at
-    gimbal lock.
+    """Return the rates of the three canonical angles of a Sequence as a tuple, for the angular velocity `omega` in
+    world axes (E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The rates are
+    not finite at gimbal lock.
     """
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
@@ -325,8 +328,9 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return a dict of J, J_inverse, condition, lock_distance [rad], and of J_dot if `values`, a dict from names
-        to tuples of components, has phid beside phi. J_inverse is NaN at gimbal lock.
+        """Return a dict of the matrices "J" and "J_inverse", the numbers "condition" and "lock_distance" [rad], and,
+        if `values` has rates "phid", the matrix "J_dot". `values` is a dict from "phi" and "phid" to tuples of three
+        components. J_inverse is NaN at gimbal lock.
         """
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)

@@ -145,8 +145,8 @@ def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
     """Return nine entries to add to the rotation matrix that was computed from the rounded axis n and `trig` = (sin,
-    1 - cos) (E6); they restore what rounding lost. `twofold_axis` holds the axis in twice the precision, `trig_low`
-    the low-order parts of `trig`.
+    1 - cos) of the rounded angle (E6); they restore what rounding lost. `twofold_axis` is a tuple of the axis's three
+    components in twice the precision, and `trig_low` the low-order parts of `trig`.
     """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
@@ -235,8 +235,8 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of quaternions of any length, (w, x, y, z) if `scalar_first` and
-    otherwise (x, y, z, w); NaN where a quaternion is not finite. Raise RotationError, which names the argument
-    `name`, if a quaternion is zero. A Dask array gives a lazy Dask array.
+    otherwise (x, y, z, w). The matrix of a quaternion that is not finite is NaN. Raise RotationError, which names the
+    argument `name`, if a quaternion is zero. For a Dask array, the result is a lazy Dask array.
 
     Raises:
         RotationError: a quaternion is zero.
@@ -310,7 +310,7 @@ def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:
     """Raise RotationError, which names the argument `name`, if a matrix of the array S (..., 3, 3) is not a rotation
-    within the tolerance of its dtype. Matrices that are not finite pass.
+    to within 1e-9 (1e-5 for float32). Matrices that are not finite pass.
 
     Raises:
         RotationError: names the argument, and recommends project_to_rotation.

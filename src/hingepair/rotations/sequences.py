@@ -23,8 +23,9 @@ SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRIN
 
 
 class Sequence(NamedTuple):
-    """An Euler sequence, described as the canonical sequence Sx Sy Sz or (if `proper`) Sx Sy Sx with its axes renamed
-    (`place`) and its angles reordered (`backward`) or negated (`sign`).
+    """An Euler sequence, described by how it differs from the canonical sequence Sx Sy Sz or, if `proper`, Sx Sy Sx:
+    `place` is a tuple of the index of the canonical axis of each world axis, `backward` is True if the angles are in
+    reverse order, and `sign` (+1 or -1) is the factor of all angles.
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
@@ -52,20 +53,22 @@ class Sequence(NamedTuple):
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the five entries of the canonical J that are not constant, column by column, as a tuple (E4). `trig`
-        is the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical angles.
+        """Return a tuple of the five entries of J that are not constant, column by column. J is the matrix that turns
+        rates of the canonical angles into the angular velocity in canonical axes (E4). `trig` is the flat tuple (sin,
+        cos, sin, cos, sin, cos) of the canonical angles.
         """
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
     def angular_velocity(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
         """Return omega = J phi' (E4) in world axes as a tuple. `canonical_axes` is the result of the method `axes`;
-        the rates phid are in the order of the letters.
+        the rates phid are in the order of the sequence's letters.
         """
         return self.vector(eq.angular_velocity1(canonical_axes, self.angles(phid)))
 
     def angular_acceleration(self, canonical_axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
         """Return alpha = J phi'' + J' phi' (E4 differentiated) in world axes as a tuple. `canonical_axes` is the
-        result of the method `axes`; the rates phid and phidd are in the order of the letters.
+        result of the method `axes`; the derivatives phid and phidd of the angles are in the order of the sequence's
+        letters.
         """
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
@@ -76,15 +79,16 @@ class Sequence(NamedTuple):
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return a tuple of the three columns of J' in world axes, in the order of the letters. `canonical_axes` is
-        the result of the method `axes`; the rates phid are in the order of the letters.
+        """Return a tuple of the three columns of J', the time derivative of J, in world axes and in the order of the
+        sequence's letters. `canonical_axes` is the result of the method `axes`; the rates phid are in the order of
+        the letters.
         """
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return a tuple of the three columns `canonical` of the canonical J (or J'), converted to world axes and to
-        the order of the letters.
+        """Return the three columns of J (or J') as a tuple in world axes and in the order of the sequence's letters.
+        `canonical` is a tuple of the three columns in canonical axes and in canonical order.
         """
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
@@ -114,8 +118,8 @@ def find_sequence(name: str) -> Sequence:
 
 @functools.cache
 def _cached_sequence(name: str) -> Sequence:
-    """Return the Sequence of a name such as XYZ (intrinsic) or xyz (extrinsic) and cache it. Raise ArgumentError
-    for an unknown name.
+    """Return the Sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic) and cache it. Raise ArgumentError
+    if there is no sequence of this name.
     """
     check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name

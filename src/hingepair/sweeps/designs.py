@@ -22,8 +22,8 @@ _MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedNumber:
-    """Number of a scene that a sweep varies: its `key` in the scene file, in a grid its `values`, and in other
-    designs its distribution, `spread` (low, high) or, if `normal` is True, (mean, standard deviation).
+    """Number of a scene that a sweep varies: its `key` in the scene file, in a grid the array `values`, and in other
+    designs its distribution, `spread`, which is (low, high) or, if `normal` is True, (mean, standard deviation).
 
     Attributes:
         key: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]".
@@ -40,8 +40,8 @@ class VariedNumber:
 
 def read_varied_number(table: Table, design: str) -> VariedNumber:
     """Return the `VariedNumber` that one Table [[vary]] of a sweep file describes. `design` is one of `DESIGN_NAMES`,
-    on which the allowed keys depend. Raise a SceneError, which names the key, for a key that is missing, unknown or
-    not of this design, and for a value that cannot be used.
+    on which the allowed keys depend. Raise a SceneError that names the key if a key is missing, is unknown or belongs
+    to another design, or if a value cannot be used.
 
     Raises:
         SceneError: a key is missing, unknown, or of another design; the message names it.
@@ -73,8 +73,8 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
 def _read_two_numbers(
     table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Return the numbers under `first_key` and `second_key` of a Table, two floats. Raise a SceneError if a number is
-    missing, or if the table has a key that is not in `allowed_keys`.
+    """Return the numbers under `first_key` and `second_key` of a Table as a tuple of two floats. Raise a SceneError
+    if a number is missing, or if the table has a key that is not in `allowed_keys`.
     """
     for key in table.values:
         if key not in allowed_keys:
@@ -87,8 +87,8 @@ def design_values(
 ) -> Float64Array:
     """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
     numbers). `samples` is the number of variants of a random or Sobol design, and None in a grid; `seed` is the seed
-    of a random or Sobol design. Raise a SceneError that names `table` for too many variants or missing `samples`, and
-    a MissingDependencyError for a Sobol design without SciPy.
+    of a random or Sobol design. Raise a SceneError that names `table` if there are too many variants or `samples` is
+    missing, and a MissingDependencyError for a Sobol design without SciPy.
 
     In a grid, the last number changes fastest.
 
@@ -128,7 +128,7 @@ def design_values(
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
     """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions). The `seed`
-    determines the scrambling. Raise a SceneError that names `table` for too many dimensions, and a
+    determines the scrambling. Raise a SceneError that names `table` if there are too many dimensions, and a
     MissingDependencyError without SciPy.
     """
     try:

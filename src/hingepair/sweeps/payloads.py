@@ -10,7 +10,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,6 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.pair_table import READER_FUNCTION_BY_BODY_TABLE_KEY, construct_from_table
 from hingepair.scenes.tables import Table
 
-# Row and column of each of the six second moments in a 3 x 3 matrix, in the order of the moments.
-_SECOND_MOMENT_ROWS_AND_COLUMNS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-
 
 class _VariedProperty(NamedTuple):
     """Mass property of a payload that is varied: its `name` (mass, center_of_mass or inertia), the index of its
@@ -50,8 +47,8 @@ class _VariedProperty(NamedTuple):
 
 
 class _VariedPayload(NamedTuple):
-    """Payload with varied mass properties: the `body` of the scene file, `inertia_per_mass`, whether the inertia is
-    proportional to the mass, and the `varied` properties.
+    """Payload with varied mass properties: a tuple `varied` of them, whether the inertia is proportional to the mass
+    (`inertia_per_mass`), and the `body` that the scene file describes, with a mass of 1 kg if `inertia_per_mass`.
 
     Attributes:
         body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
@@ -64,8 +61,8 @@ class _VariedPayload(NamedTuple):
     varied: tuple[_VariedProperty, ...]
 
     def mass_properties(self, numbers: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return the payload's mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) in SI
-        units, three arrays. `numbers` are the values of the varied numbers; shape (variants, numbers).
+        """Return the payload's mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) as three
+        arrays in SI units. `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         count = len(numbers)
         mass = np.full(count, self.body.mass)
@@ -81,9 +78,9 @@ class _VariedPayload(NamedTuple):
         return mass, centre, inertia * mass[:, None, None] if self.inertia_per_mass else inertia
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
-        """Return True if the mass properties of all variants are below 1e100 in SI units, the masses positive, and
-        varied principal inertias such as a body can have; False if some may be invalid. `numbers` are the values of
-        the varied numbers; shape (variants, numbers).
+        """Return True if all mass properties of all variants are below 1e100 in SI units, all masses are positive,
+        and varied principal inertias are such as a body can have. Otherwise return False: some may be invalid.
+        `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
@@ -95,9 +92,9 @@ class _VariedPayload(NamedTuple):
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
     def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        """Return the payload's ten moments about the origin of its link, a list of arrays (variants,) in twice the
-        precision of doubles: mass, 3 first and 6 second moments. `numbers` are the values of the varied numbers;
-        (variants, numbers).
+        """Return the payload's ten mass moments about the origin of its link (mass, 3 first and 6 second moments) as
+        a list of arrays (variants,) in twice the precision of doubles. `numbers` are the values of the varied
+        numbers; shape (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
@@ -105,7 +102,7 @@ class _VariedPayload(NamedTuple):
         half = (entries[0][0] + entries[1][1] + entries[2][2]) * Twofold(0.5)
         second = [
             (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j])
-            for i, j in _SECOND_MOMENT_ROWS_AND_COLUMNS
+            for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
         ]
         return [Twofold(mass), *first, *second]
 
@@ -133,9 +130,9 @@ class PayloadVariantComputer:
         self._links = tuple(payloads)
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return (t, arrays) for all variants: the instants [s] and a dict of outputs by name, shape (variants,
-        samples, ...). Return None if a payload may be invalid, so that variants must be computed one by one.
-        `numbers` are the values of the varied numbers; shape (variants, numbers).
+        """Return (t, arrays) for all variants: the instants [s] and a dict of read-only arrays of the outputs by
+        name, shape (variants, samples, ...). Return None if a payload may be invalid, so that variants must be
+        computed one by one. `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         if not all(payload.is_clearly_valid(numbers) for payload in self._payloads):
             return None
@@ -155,14 +152,14 @@ class PayloadVariantComputer:
 
     @functools.cached_property
     def _result(self) -> MechanismSceneResult:
-        """Result of the scene as its file describes it, computed at first access. Every variant has the same
-        motion.
+        """Result of the scene as its file describes it, computed at first access. Its motion is the motion of every
+        variant.
         """
         return self._scene.evaluate(self._outputs)
 
     @functools.cached_property
     def _program(self) -> _PayloadForceProgram | None:
-        """Program that computes the forces, made at first access; None if no force is an output."""
+        """Program that computes the forces, made at first access, or None if no force is an output."""
         forces = self._result.forces
         return (
             None if forces is None else _PayloadForceProgram(self._result, forces.outputs, self._robot, self._links)
@@ -170,7 +167,8 @@ class PayloadVariantComputer:
 
 
 class _PayloadForceProgram:
-    """Program that computes a robot's joint and base forces along a scene's motion for many payloads at a time.
+    """Program whose method `compute` computes a robot's joint and base forces along a scene's motion for many
+    variants of the payloads in one call.
 
     Args:
         result: the scene's result, which has the motion.
@@ -204,8 +202,8 @@ class _PayloadForceProgram:
         self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
-        """Return a copy of the constants of a robot's program, in which each number that a payload changes is an
-        argument of the program instead.
+        """Return a copy of the RobotConstants of a program, in which each number that depends on a payload is an
+        argument of the program instead of a constant.
         """
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
@@ -216,8 +214,8 @@ class _PayloadForceProgram:
         return [column for column, known in enumerate(self._known) if known is None]
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` is one list for
-        all payloads, ten arrays (variants,) in twice the precision of doubles for each payload.
+        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` is a list of
+        ten arrays (variants,) in twice the precision of doubles for each payload, one payload after the other.
         """
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
@@ -244,10 +242,10 @@ def payload_variant_computer(
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a PayloadVariantComputer of variants of a MechanismScene that differ in masses, centres of mass or
-    principal inertias of payloads only; None if `keys`, paths of the varied numbers in the scene file, lead to
-    anything else. `unloaded_robot` is the Mechanism without payloads, `mechanism_table` the scene's Table
-    [mechanism], and `outputs` names the outputs to compute, None for all of the scene.
+    """Return a PayloadVariantComputer of variants of a MechanismScene, or None unless all `keys`, paths of the varied
+    numbers in the scene file, lead to masses, centres of mass or principal inertias of payloads. `unloaded_robot` is
+    the Mechanism without payloads, `mechanism_table` the scene's Table [mechanism], and `outputs` names the outputs
+    to compute (None for all of the scene). Raise a SceneError if a table does not describe a body.
 
     Args:
         scene: scene as its file describes it.
@@ -278,8 +276,8 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
-    """Return the _VariedPayload with the body that a table describes and the given varied properties. Raise a
-    SceneError if the table does not describe a body.
+    """Return the _VariedPayload with the body that the Table of a payload describes, and with the tuple `varied` of
+    _VariedProperty records. Raise a SceneError if the table does not describe a body.
     """
     values = table.read(READER_FUNCTION_BY_BODY_TABLE_KEY, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)

@@ -37,7 +37,9 @@ _QUANTILE_NAME_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
 def is_reduction(name: object) -> bool:
-    """Return whether an object is the name of a reduction: one of `REDUCTION_NAMES`, or any quantile such as q2.5."""
+    """Return whether an object is the name of a reduction, such as "max", or of a quantile from "q0" to "q100", such
+    as "q2.5".
+    """
     return isinstance(name, str) and (
         name in _REDUCTION_FUNCTION_BY_NAME or _QUANTILE_NAME_PATTERN.fullmatch(name) is not None
     )
@@ -46,9 +48,9 @@ def is_reduction(name: object) -> bool:
 def reduce_arrays(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
 ) -> dict[str, Float64Array]:
-    """Return a dict of reductions over the instants t, by column name such as R2_x_max: an array (variants,) for each
-    component of an output and each name in `reductions`. `arrays` is a dict of the outputs by name; shape (variants,
-    samples, ...).
+    """Return a dict of reductions over the instants t, one array (variants,) for each component of an output and each
+    name in `reductions`. The keys are column names such as R2_x_max. `arrays` is a dict of the outputs by name; shape
+    (variants, samples, ...).
     """
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)

@@ -28,8 +28,8 @@ Columns = Mapping[str, NDArray[Any]]
 class Store:
     """Results of a sweep on disk. The method `add` writes a file for each finished chunk; `finish` writes the store
     from these files and deletes them. The constructor makes the folder of the files, or finds the chunks of an
-    interrupted run there. It raises an ArgumentError if the store exists, or if the folder cannot be made or is
-    another sweep's.
+    interrupted run there. It raises an ArgumentError if the suffix of the path is not in `STORE_SUFFIXES`, if the
+    store exists, or if the folder cannot be made or belongs to another sweep.
 
     While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes.
 
@@ -74,8 +74,8 @@ class Store:
 
     def finish(self, chunk_count: int, chunk_size: int) -> None:
         """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.
-        `chunk_size` is the number of variants in each chunk but the last. Raise an ArgumentError if a file cannot be
-        read or written.
+        `chunk_size` is the number of variants in each chunk but the last. Raise an ArgumentError if a file is missing
+        or damaged, or if the store cannot be written.
         """
         write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
         with _convert_os_errors(self.path):
@@ -84,7 +84,7 @@ class Store:
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
         """Return the columns of the finished chunk with the index `chunk`, read from its file, as a dict of arrays by
-        name. Raise an ArgumentError about `out` if the file is damaged.
+        name. Raise an ArgumentError about `out` if the file is damaged, and a FileNotFoundError if it is missing.
         """
         path = self._part(chunk)
         try:
@@ -113,7 +113,7 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
 
 def check_packages(path: Path) -> None:
     """Raise a MissingDependencyError that names a missing package, unless Dask and the package that writes a store
-    with the suffix of `path` are installed.
+    with the suffix of `path` (PyArrow or Zarr) are installed.
     """
     for package in ("dask", {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")):
         if find_spec(package) is None:
@@ -121,8 +121,9 @@ def check_packages(path: Path) -> None:
 
 
 def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
-    """Write a Store as a Parquet file from the files of its `chunk_count` chunks: a row group for each chunk, and a
-    row for each variant, or for each variant and instant. The chunk size is not used.
+    """Write a Store as a Parquet file from the files of its `chunk_count` chunks. Each chunk is a row group, with a
+    row for each variant and instant, or for each variant if the results are reductions. The third argument, the chunk
+    size, is not used.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -139,10 +140,9 @@ def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
 
 
 def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return the columns of a chunk, arrays by name, as a dict of one-dimensional columns of scalars by name such as
-    R2_x. Each has a row for each variant and instant, or, if there is no column t, for each variant.
-
-    Where the results have no instants, each row is a variant.
+    """Return the columns of a chunk as a dict of one-dimensional arrays by name, one for each component, such as
+    R2_x, with a row for each variant and instant. `columns` is a dict of arrays (variants, samples, ...) by name; if
+    it has no t, its arrays (variants,) are returned unchanged.
     """
     if "t" not in columns:
         return dict(columns)
@@ -165,8 +165,8 @@ def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
 
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
-    """Write a Store as a Zarr group of arrays from the files of its `chunk_count` chunks, of which each but the last
-    has `chunk_size` variants. The first axis of an array counts variants, the second counts instants.
+    """Write a Store as a Zarr group of arrays from the files of its `chunk_count` chunks, each of which, except the
+    last, has `chunk_size` variants. The first axis of an array counts variants, the second counts instants.
     """
     import zarr
 
