@@ -6,7 +6,7 @@ import reprlib
 from collections.abc import Collection, Sequence
 
 # A longer text of a value is cut to this length, and the text of an array of more entries is left out.
-_MAX_VALUE_TEXT_LENGTH = 120
+_MAX_LENGTH_OF_VALUE_IN_MESSAGE = 120
 
 
 class HingePairError(Exception):
@@ -119,13 +119,21 @@ def shorten(value: object) -> str:
     breaks and cut to 120 characters; for an array of more than 120 elements, only its shape. The work is bounded
     however large the value is.
     """
-    if getattr(value, "size", 0) > _MAX_VALUE_TEXT_LENGTH and hasattr(value, "shape"):  # its text would be cut
+    if getattr(value, "size", 0) > _MAX_LENGTH_OF_VALUE_IN_MESSAGE and hasattr(
+        value, "shape"
+    ):  # its text would be cut
         return f"an array of shape {value.shape}"
     plain_value = value.tolist() if hasattr(value, "tolist") else value
     text = " ".join(
-        (plain_value[: 2 * _MAX_VALUE_TEXT_LENGTH] if isinstance(plain_value, str) else _brief(plain_value)).split()
+        (
+            plain_value[: 2 * _MAX_LENGTH_OF_VALUE_IN_MESSAGE]
+            if isinstance(plain_value, str)
+            else _brief(plain_value)
+        ).split()
     )
-    return text if len(text) <= _MAX_VALUE_TEXT_LENGTH else text[: _MAX_VALUE_TEXT_LENGTH - 3] + "..."
+    return (
+        text if len(text) <= _MAX_LENGTH_OF_VALUE_IN_MESSAGE else text[: _MAX_LENGTH_OF_VALUE_IN_MESSAGE - 3] + "..."
+    )
 
 
 def _brief(value: object) -> str:
@@ -133,8 +141,10 @@ def _brief(value: object) -> str:
     two ends. An integer with too many digits to be written is described by its type.
     """
     brief = reprlib.Repr()
-    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_VALUE_TEXT_LENGTH // 4
-    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_VALUE_TEXT_LENGTH
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = (
+        _MAX_LENGTH_OF_VALUE_IN_MESSAGE // 4
+    )
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_LENGTH_OF_VALUE_IN_MESSAGE
     try:
         return brief.repr(value)
     except ValueError:  # an integer with too many digits to be written
@@ -143,7 +153,7 @@ def _brief(value: object) -> str:
 
 def quoted(value: object) -> object:
     """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
-    return repr(value[: 2 * _MAX_VALUE_TEXT_LENGTH]) if isinstance(value, str) else value
+    return repr(value[: 2 * _MAX_LENGTH_OF_VALUE_IN_MESSAGE]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known_names: Collection[str]) -> str:
@@ -160,8 +170,7 @@ def nearest(name: str, known_names: Collection[str]) -> str:
 
 
 def choices(names: Sequence[str]) -> str:
-    """Return `one of a, b, c` for messages. Of more than 64 names, the text gives the number and only the first 32.
-    """
+    """Return `one of a, b, c` for messages. Of more than 64 names, the text gives the number and only the first 32."""
     if len(names) <= 64:
         return "one of " + ", ".join(names)
     return f"one of {len(names)} names: {', '.join(names[:32])}, ..."

@@ -299,7 +299,7 @@ FAULTS = {
     ),
     "matrices not checked": Fault(
         "rotations/matrices.py",
-        "tolerance = MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE[dtype.itemsize]\n    if",
+        "tolerance = MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE[dtype.itemsize]\n    if",
         "tolerance = 9.0\n    if",
         "rotations/test_rotation_laws.py::test_what_is_no_rotation_is_refused[rotation_log]",
     ),

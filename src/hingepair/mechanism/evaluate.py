@@ -27,7 +27,7 @@ from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_n
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, input_shapes, request_loop
-from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE, check_rotation
+from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
 
 MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """Outputs that do not depend on masses."""
@@ -111,7 +111,7 @@ class RobotComputation:
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
             has_check = check_attitude and "S1" in argument_names
-            check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE} if has_check else {}
+            check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {
                 **RESTING_BASE_VALUE_BY_INPUT,

@@ -21,7 +21,7 @@ from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, make_plan, plan_loop
-from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE, check_rotation
+from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
 
 DEFAULT_BACKEND_AND_WORKERS: Final = Execution("auto", 1)  # backend and number of threads of a call by default
 STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
@@ -42,7 +42,7 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
     if call is None:
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
-        checks = dict.fromkeys(("attitude1_check", "attitude2_check"), MAX_ORTHOGONALITY_ERROR_BY_ITEMSIZE)
+        checks = dict.fromkeys(("attitude1_check", "attitude2_check"), MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE)
         if any(name in BODY1_QUATERNION_INPUT_NAMES for name in input_names):
             checks["attitude1_check"] = {8: 1.0, 4: 1.0}  # the check is 2 for a zero quaternion, and otherwise 0
         call = pair.prepared[key] = Call(

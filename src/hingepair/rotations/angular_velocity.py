@@ -16,7 +16,7 @@ from hingepair.numeric.finite_differences import stencils
 from hingepair.numeric.instants import instants_of
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
-ANGULAR_VELOCITY_ERROR_ORDERS = (2, 4, 6, 8)  # in the time step
+ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY = (2, 4, 6, 8)  # in the time step
 
 
 @overload
@@ -137,8 +137,10 @@ def angular_velocity_from_samples(
     >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
-    if isinstance(order, bool) or order not in ANGULAR_VELOCITY_ERROR_ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, ANGULAR_VELOCITY_ERROR_ORDERS))}", quoted(order))
+    if isinstance(order, bool) or order not in ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY:
+        raise ArgumentError(
+            "order", f"one of {', '.join(map(str, ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY))}", quoted(order)
+        )
     time, attitude = instants_of("t", t, order), vectors("S", S, 3, 3)
     dtype = result_dtype((np.asarray(t), attitude))
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:

@@ -14,7 +14,7 @@ from hingepair.scenes.tables import Table
 
 DESIGN_NAMES: Final = ("grid", "random", "sobol")
 """Names of the ways to place the variants of a sweep in the ranges of its numbers."""
-MAX_VARIANTS: Final = 10_000_000
+MAX_VARIANT_COUNT_OF_SWEEP: Final = 10_000_000
 """Variants of one sweep at most."""
 
 _MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
@@ -56,7 +56,7 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
             return VariedNumber(key, np.array(table.numbers("values", len(values))), (0.0, 0.0))
         low, high = _read_two_numbers(table, "low", "high", ("key", "low", "high", "count"))
         count = table.values.get("count")
-        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANTS:
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANT_COUNT_OF_SWEEP:
             table.fail("count", "a whole number from 1, of a grid; or a list of values")
         return VariedNumber(key, np.linspace(low, high, count), (low, high))
     if "mean" in table.values or "std" in table.values:
@@ -106,8 +106,8 @@ def design_values(
     if design == "grid":
         axes = [number.values for number in varied if number.values is not None]
         total = math.prod(len(axis) for axis in axes)
-        if total > MAX_VARIANTS:
-            table.refuse("vary", f"at most {MAX_VARIANTS} variants", total)
+        if total > MAX_VARIANT_COUNT_OF_SWEEP:
+            table.refuse("vary", f"at most {MAX_VARIANT_COUNT_OF_SWEEP} variants", total)
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
     if samples is None:
         table.fail("samples", f"the number of variants of a {design} design")

@@ -26,7 +26,7 @@ _REDUCTION_FUNCTION_BY_NAME: Final[Mapping[str, Callable[[Float64Array, Float64A
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
-REDUCTION_NAMES: Final = (*_REDUCTION_FUNCTION_BY_NAME, "q5", "q50", "q95")
+REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES: Final = (*_REDUCTION_FUNCTION_BY_NAME, "q5", "q50", "q95")
 """Names of reductions; of the quantiles, examples.
 
 A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it makes it the first such instant.

@@ -24,7 +24,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
-from hingepair.sweeps.reductions import REDUCTION_NAMES, is_reduction, reduce_arrays
+from hingepair.sweeps.reductions import REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
@@ -130,7 +130,11 @@ def load_sweep(path: str | Path) -> Sweep:
     reductions = _read_names(table, "reduce") or ()
     for name in reductions:
         if not is_reduction(name):
-            table.refuse("reduce", f"{choices(REDUCTION_NAMES)}; of quantiles any, such as q2.5", quoted(name))
+            table.refuse(
+                "reduce",
+                f"{choices(REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES)}; of quantiles any, such as q2.5",
+                quoted(name),
+            )
     files = (Path(path), *scene_files(scene_path))
     contents = json.dumps(scene.values, sort_keys=True, default=str)
     task = SweepTask(
