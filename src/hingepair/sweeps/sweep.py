@@ -29,10 +29,22 @@ from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
 # Keys that the file of a sweep may have.
-_SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
-_SCENE_ONLY_TABLE_NAMES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
+_ALLOWED_KEYS_OF_SWEEP_FILE: Final = (
+    "title",
+    "scene",
+    "outputs",
+    "reduce",
+    "design",
+    "samples",
+    "seed",
+    "chunk",
+    "vary",
+)
+_NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE: Final = frozenset(
+    {"pair", "mechanism", "joint", "motion"}
+)  # one of which every scene has
 # States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
-_MAX_STATES_COMPUTED_AT_ONCE: Final = 200_000
+_MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE: Final = 200_000
 # Time after which a scheduler that does not answer is given up.
 _SCHEDULER_CONNECTION_TIMEOUT_SECONDS: Final = 10.0
 
@@ -104,9 +116,9 @@ def load_sweep(path: str | Path) -> Sweep:
     whose message names file, table and key, if the file cannot be used. docs/scenes.md describes the format.
     """
     table = read_tables(path)
-    if "scene" not in table.values and not _SCENE_ONLY_TABLE_NAMES.isdisjoint(table.values):
+    if "scene" not in table.values and not _NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
-    table.check_keys(_SWEEP_FILE_KEYS)
+    table.check_keys(_ALLOWED_KEYS_OF_SWEEP_FILE)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)
     design = table.choice("design", DESIGN_NAMES)
@@ -150,7 +162,7 @@ def load_sweep(path: str | Path) -> Sweep:
             ) from None
     if chunk_size is None:
         # At least four chunks and about 1000 at most, of as many variants as are computed at once where that fits.
-        variants_limit = max(len(numbers) // 1000, _MAX_STATES_COMPUTED_AT_ONCE // first.samples)
+        variants_limit = max(len(numbers) // 1000, _MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE // first.samples)
         chunk_size = max(1, min(-(-len(numbers) // 4), variants_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
@@ -390,7 +402,7 @@ def compute_chunk(
         ArgumentError: a variant cannot be computed; the message names it.
     """
     computer = _variant_computer(task)
-    step = max(1, _MAX_STATES_COMPUTED_AT_ONCE // computer.samples)
+    step = max(1, _MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
     with compile_at_first_call():
         for start in range(0, len(numbers), step):

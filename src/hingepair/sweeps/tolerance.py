@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
     from hingepair.scenes.mechanisms.scene import MechanismScene
 
-POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
+BODY2_POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
 # States (sampled pairs times instants) that are computed at a time.
-_MAX_SAMPLED_STATES_PER_BLOCK: Final = 200_000
+_MAX_SAMPLED_PAIRS_TIMES_INSTANTS_PER_BLOCK: Final = 200_000
 # Ends of the band, the middle 95 %.
-_BAND_QUANTILES: Final = (0.025, 0.975)
+_QUANTILES_AT_ENDS_OF_95_PERCENT_BAND: Final = (0.025, 0.975)
 # Half the width of this band of a normal distribution, in standard deviations.
-_BAND_HALF_WIDTH_IN_STD: Final = 1.96
+_HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD: Final = 1.96
 
 
 class Band(NamedTuple):
@@ -40,7 +40,7 @@ class Band(NamedTuple):
     pairs.
 
     Attributes:
-        component: one of `POSE_COMPONENT_NAMES`.
+        component: one of `BODY2_POSE_COMPONENT_NAMES`.
         unit: unit of the four numbers that follow: m or rad.
         first_order_std: standard deviation to first order.
         sampled_std: standard deviation of the sampled pairs.
@@ -66,7 +66,7 @@ class Band(NamedTuple):
 class ToleranceStudy(Frozen, Shown):
     """Deviations of the pose of body 2 along a scene under tolerances: at each instant `t` the standard deviations to
     first order (`std`) and of sampled pairs (`sampled_std`), the middle 95 % (`band`) and the variance that each
-    dimension causes (`contributions`). The columns are the components in `POSE_COMPONENT_NAMES`.
+    dimension causes (`contributions`). The columns are the components in `BODY2_POSE_COMPONENT_NAMES`.
 
     Attributes:
         title: title of the scene.
@@ -108,7 +108,7 @@ class ToleranceStudy(Frozen, Shown):
         deviation.
         """
         rows = []
-        for k, name in enumerate(POSE_COMPONENT_NAMES):
+        for k, name in enumerate(BODY2_POSE_COMPONENT_NAMES):
             i = int(np.argmax(self.std[:, k]))
             sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k], self.t[i])
             rows.append(Band(name, "m" if k < 3 else "rad", *map(float, sizes)))
@@ -151,7 +151,7 @@ class ToleranceStudy(Frozen, Shown):
 
         figure = Figure(figsize=(10, 10), layout="constrained")
         grid = figure.add_gridspec(4, 2)
-        for k, name in enumerate(POSE_COMPONENT_NAMES):
+        for k, name in enumerate(BODY2_POSE_COMPONENT_NAMES):
             axes = figure.add_subplot(grid[k % 3, k // 3])
             unit, scale = ("mm", 1e3) if k < 3 else ("mrad", 1e3)
             low, high = scale * self.band[:, :, k].T
@@ -159,7 +159,11 @@ class ToleranceStudy(Frozen, Shown):
             for sign in (-1, 1):
                 label = "first order" if sign > 0 else None
                 axes.plot(
-                    self.t, sign * scale * _BAND_HALF_WIDTH_IN_STD * self.std[:, k], "k--", linewidth=0.8, label=label
+                    self.t,
+                    sign * scale * _HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD * self.std[:, k],
+                    "k--",
+                    linewidth=0.8,
+                    label=label,
                 )
             axes.set_ylabel(f"{name} [{unit}]")
             axes.grid(alpha=0.3)
@@ -233,7 +237,7 @@ def study_tolerances(
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
     mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
     sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
-    step = max(1, _MAX_SAMPLED_STATES_PER_BLOCK // samples)
+    step = max(1, _MAX_SAMPLED_PAIRS_TIMES_INSTANTS_PER_BLOCK // samples)
     for start in range(0, len(t), step):
         part = slice(start, start + step)
         some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across
@@ -241,7 +245,7 @@ def study_tolerances(
         turn = rotation_log(sampled.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
         pose = np.concatenate((sampled.d - mean.d[part, None], turn), axis=-1)
         sampled_std[part] = pose.std(axis=1)
-        band[part] = np.moveaxis(np.quantile(pose, _BAND_QUANTILES, axis=1), 0, 1)
+        band[part] = np.moveaxis(np.quantile(pose, _QUANTILES_AT_ENDS_OF_95_PERCENT_BAND, axis=1), 0, 1)
     return ToleranceStudy(
         title=scene.title,
         t=t,

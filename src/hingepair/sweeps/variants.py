@@ -33,9 +33,9 @@ PAIR_FORCE_OUTPUT_NAMES: Final = ("hinge_torque", "bearing_torque", "hinge_force
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
 # One part of the path to a number of a scene: a key, then indices in brackets.
-_VARY_KEY_PART_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+_VARIED_NUMBER_KEY_PART_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
-_JOINT_KEYS_WITHOUT_EFFECT_ON_MOTION: Final = ("u1", "u2", "n", "home", "body1", "body2")
+_JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
 
 class CachedMotion:
@@ -72,7 +72,7 @@ def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
     """
     steps: list[str | int] = []
     for part in key.split("."):
-        match = _VARY_KEY_PART_PATTERN.fullmatch(part)
+        match = _VARIED_NUMBER_KEY_PART_PATTERN.fullmatch(part)
         if match is None:
             table.fail("key", 'names with dots and places in brackets, such as "pair.u1[0]"')
         steps.append(match[1])
@@ -218,7 +218,9 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
     if isinstance(scene, Scene):
         return scene.motion.simulated is None and all(steps[0] == "pair" for steps in keys)
     of_joints = all(
-        steps[0] == "joint" and steps[2] in _JOINT_KEYS_WITHOUT_EFFECT_ON_MOTION for steps in keys if len(steps) > 2
+        steps[0] == "joint" and steps[2] in _JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES
+        for steps in keys
+        if len(steps) > 2
     )
     payload = all(steps[:2] == ("mechanism", "payload") for steps in keys)
     return payload or (of_joints and all(steps[0] == "joint" for steps in keys))
