@@ -29,17 +29,7 @@ from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
 # Keys that the file of a sweep may have.
-_ALLOWED_KEYS_OF_SWEEP_FILE: Final = (
-    "title",
-    "scene",
-    "outputs",
-    "reduce",
-    "design",
-    "samples",
-    "seed",
-    "chunk",
-    "vary",
-)
+_SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
 _NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE: Final = frozenset(
     {"pair", "mechanism", "joint", "motion"}
 )  # one of which every scene has
@@ -118,7 +108,7 @@ def load_sweep(path: str | Path) -> Sweep:
     table = read_tables(path)
     if "scene" not in table.values and not _NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
-    table.check_keys(_ALLOWED_KEYS_OF_SWEEP_FILE)
+    table.check_keys(_SWEEP_FILE_KEYS)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)
     design = table.choice("design", DESIGN_NAMES)
@@ -176,7 +166,7 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
-    """Return the integer under a key of a table, or None if the key is missing. Raise a SceneError if the value is
+    """Return the integer under a key of a Table, or None if the key is missing. Raise a SceneError if the value is
     not an integer from `minimum` to 10 million.
     """
     value = table.values.get(key)
@@ -188,8 +178,8 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
-    """Return the names in the list under a key of a table, without repetitions, as a tuple; None if the key is
-    missing. Raise a SceneError if the value is not a list of names.
+    """Return the names in the list under a key of a Table, without repetitions, as a tuple, or None if the key is
+    missing. Raise a SceneError if the value is not a list of names or is empty.
     """
     value = table.values.get(key)
     if value is None:
@@ -252,8 +242,9 @@ def run_sweep(
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
     """Compute the chunks of a Sweep that a Store lacks, on the cluster of the Dask client `client` or, if it is None,
-    on `workers` threads. Call `progress`, if not None, after each chunk with the numbers of finished and of all
-    chunks. Write the store at the end. To an ArgumentError add a note about the chunks that are kept.
+    on `workers` threads, and then write the store. Call `progress`, if not None, after each chunk with the numbers of
+    finished and of all chunks. Add a note on the chunks that are kept to an ArgumentError about a file, the store or
+    the scheduler.
     """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
@@ -289,7 +280,8 @@ def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
     """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
-    the index and the columns of each chunk when it is finished. Raise the error of a chunk that cannot be computed.
+    the index and the columns of each chunk when it is finished. Raise the error of a chunk that cannot be computed;
+    an error that is not of this package, a MemoryError or an OSError becomes an ArgumentError.
     """
     import dask
 
@@ -330,7 +322,7 @@ def _connect(scheduler_address: str) -> Any:
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
     """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
     `store_chunk` with the index and the columns of each chunk when it is finished. Warn if the cluster has no worker
-    yet. Raise the error of a chunk that cannot be computed.
+    yet. Raise the error of a chunk as `_error_of_chunk` returns it, or an ArgumentError if the scheduler stops.
 
     A chunk whose worker dies is computed by another worker.
     """
@@ -383,10 +375,11 @@ def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
 def compute_chunk(
     task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> dict[str, NDArray[Any]]:
-    """Compute the variants of one chunk of a sweep, and return a dict of arrays by column name, one row for each
-    variant. `task` is the SweepTask, `numbers` the values of the varied numbers, shape (variants, numbers), and
-    `first_variant` the index of the first variant in the sweep. `chunk_index` is used in messages only. Raise an
-    ArgumentError that names the chunk, the variant that cannot be computed, and its numbers.
+    """Compute the variants of one chunk of a sweep, and return a dict of arrays with one row for each variant:
+    "variant", the index; the varied numbers by key; and either the reductions or "t" and the outputs by name.
+    `numbers` are the values of the varied numbers, shape (variants, numbers), and `first_variant` is the index of the
+    first variant in the sweep; `chunk_index` is used in messages only. Raise an ArgumentError that names the chunk,
+    the variant that cannot be computed, and its numbers.
 
     Args:
         task: what to compute for each variant.
@@ -424,10 +417,10 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time with a VariantComputer, and yield a dict of arrays by column name for each, of
-    one row. `task` names the columns, `numbers` are the values of the varied numbers, shape (variants, numbers), and
-    `first_variant` is the index of the first variant in the sweep. Raise an ArgumentError that names the chunk and
-    the variant that cannot be computed.
+    """Compute variants one at a time with a VariantComputer, and yield for each a dict of arrays of one row by column
+    name. The SweepTask `task` names the outputs and reductions, `numbers` are the values of the varied numbers, shape
+    (variants, numbers), and `first_variant` is the index of the first variant in the sweep. Raise an ArgumentError
+    that names the chunk and the variant that cannot be computed.
     """
     for i, row in enumerate(numbers):
         try:

@@ -64,9 +64,10 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """Deviations of the pose of body 2 along a scene under tolerances: at each instant `t` the standard deviations to
-    first order (`std`) and of sampled pairs (`sampled_std`), the middle 95 % (`band`) and the variance that each
-    dimension causes (`contributions`). The columns are the components in `BODY2_POSE_COMPONENT_NAMES`.
+    """Deviations of the pose of body 2 along a scene under tolerances: at each instant of `t` the standard deviations
+    to first order (`std`) and of sampled pairs (`sampled_std`), the ends of the middle 95 % of the sampled deviations
+    (`band`), and, in a dict by dimension, the variance that each dimension causes (`contributions`). The columns are
+    the components in `BODY2_POSE_COMPONENT_NAMES`.
 
     Attributes:
         title: title of the scene.
@@ -116,7 +117,9 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Sentence that names the dimensions that cause most of the variance of R2 and of the attitude."""
+        """Sentence that names the dimension that causes most of the variance of R2, and the one that causes most of
+        the variance of the attitude.
+        """
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
         texts = [
@@ -141,8 +144,9 @@ class ToleranceStudy(Frozen, Shown):
         )
 
     def plot(self) -> Figure:
-        """Return a Matplotlib figure: the bands over time, to first order and of the sampled pairs, and the shares of
-        each dimension. Raise a MissingDependencyError without Matplotlib.
+        """Return a Matplotlib figure with the 95 % bands of the pose components over time, to first order and of the
+        sampled pairs, and the shares of each dimension in the variance. Raise a MissingDependencyError without
+        Matplotlib.
         """
         try:
             from matplotlib.figure import Figure
@@ -186,7 +190,9 @@ class ToleranceStudy(Frozen, Shown):
         return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
 
     def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
-        """Return (bands, shares), two tables of texts, each a list of rows of cells with the headings first."""
+        """Return (bands, shares), the results of the methods `bands` and `shares` as two tables of texts. Each is a
+        list of rows of cells; the first row has the headings.
+        """
         heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")
         bands = [heading, *(band.cells() for band in self.bands())]
         shares = [("dimension", "of R2's variance", "of the attitude's")]
@@ -195,9 +201,9 @@ class ToleranceStudy(Frozen, Shown):
 
 
 def read_tolerances(scene: Scene) -> dict[str, Any]:
-    """Return the standard deviations in the table [tolerances] of a Scene as a dict by argument name of
-    `sample_pairs`, such as u1_std: each a float or a list of three. The dict is empty if there is no table. Raise a
-    SceneError for an unknown key or a bad value.
+    """Return the standard deviations in the table [tolerances] of a Scene as a dict. The keys are argument names of
+    `sample_pairs`, such as u1_std; each value is a float or three floats. The dict is empty if there is no table.
+    Raise a SceneError for an unknown key or a bad value.
     """
     table = scene.tables.table("tolerances", required=False)
     table.check_keys(STANDARD_DEVIATION_ARGUMENT_NAMES)
@@ -210,9 +216,10 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
 def study_tolerances(
     scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
 ) -> ToleranceStudy:
-    """Return a `ToleranceStudy`: the scatter of body 2's pose along a Scene, to first order and by `samples` pairs
-    that are sampled with `seed`. Keyword arguments such as u1_std are standard deviations, which override the values
-    in the scene's table [tolerances]. Raise an ArgumentError if there are none, or for the scene of a mechanism.
+    """Return a `ToleranceStudy` of the pose of body 2 at up to 101 instants of a Scene, to first order and with
+    `samples` random pairs that `seed` determines. Keyword arguments such as u1_std are standard deviations, which
+    override the values in the scene's table [tolerances]. Raise an ArgumentError if there are no standard deviations,
+    or for the scene of a mechanism.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.

@@ -39,8 +39,8 @@ _JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES: Final = ("u1", "u2", "n", "home
 
 
 class CachedMotion:
-    """Motion of a scene for the scenes of all variants: the motion at a slice of the instants is computed once and
-    kept.
+    """Motion of a scene that the scenes of all variants share. The method `part` computes the motion at a slice of
+    the instants once and keeps it.
 
     Args:
         motion: the motion whose parts are kept.
@@ -54,8 +54,8 @@ class CachedMotion:
         self._parts: dict[Any, Any] = {}
 
     def part(self, rows: Any, order: int) -> Any:
-        """Return the motion at the instants `rows`, a slice or an array of indices, with derivatives up to `order`.
-        If `rows` is a slice, cache the result and return the same object in later calls.
+        """Return the motion at the instants with the indices `rows`, a slice or an array, with derivatives up to
+        `order`. If `rows` is a slice, cache the result and return the same object in later calls.
         """
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
@@ -67,8 +67,8 @@ class CachedMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Return the path of keys and list indices that the text `key` means, a tuple: "pair.u1[0]" gives ("pair", "u1",
-    0). Raise a SceneError that names `table` if the text is not of this form.
+    """Return the path of keys and list indices that the text `key` means, as a tuple of strings and integers:
+    "pair.u1[0]" gives ("pair", "u1", 0). Raise a SceneError that names `table` if the text is not of this form.
     """
     steps: list[str | int] = []
     for part in key.split("."):
@@ -193,11 +193,11 @@ class VariantComputer:
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return a dict of the values of the Table [pair] with numbers in place of expressions, except under varied keys,
-    and without the shapes of a body whose inertia is given, unless a shape is varied. `keys` are the paths of the
+    """Return the values of the Table [pair] as a dict, with numbers in place of expressions except under varied keys.
+    Shapes of a body whose inertia is in the table are left out, unless a shape is varied. `keys` are the paths of the
     varied numbers.
 
-    The shapes of a body whose inertia is in the table do not determine its masses; they are left out unless varied.
+    The shapes of a body whose inertia is in the table do not determine its masses.
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
@@ -229,8 +229,9 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
 def _compute_pair_outputs(
     scene: Scene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return (t, arrays) of a Scene: all its instants [s] and a dict of the outputs by name, forces included.
-    `outputs` None means all outputs of the motion. Raise an ArgumentError for an output that the scene does not have.
+    """Return (t, arrays) of a Scene: all its instants [s] and a dict of the outputs by name, which may be forces. If
+    `outputs` is None, these are all outputs of the motion. Raise an ArgumentError if an output is unknown, or is a
+    force and the scene lacks the masses or accelerations for it.
     """
     force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
     motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
@@ -256,7 +257,7 @@ def _compute_pair_outputs(
 def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return (t, arrays) of a MechanismScene: all its instants [s] and a dict of the outputs by name. `outputs` None
-    means the outputs that the scene names, or else its default.
+    """Return (t, arrays) of a MechanismScene: all its instants [s] and a dict of the outputs by name. If `outputs` is
+    None, these are the outputs that the scene names or, if it names none, its default outputs.
     """
     return scene.t, scene.evaluate(outputs).requested_arrays()
