@@ -170,7 +170,7 @@ def nearest(name: str, known_names: Collection[str]) -> str:
 
 
 def choices(names: Sequence[str]) -> str:
-    """Return `one of a, b, c` for messages. Of more than 64 names, the text gives the number and only the first 32."""
+    """Return `one of a, b, c` for messages. Of more than 64 names, the text has the number and only the first 32."""
     if len(names) <= 64:
         return "one of " + ", ".join(names)
     return f"one of {len(names)} names: {', '.join(names[:32])}, ..."
